@@ -1,0 +1,32 @@
+"""The one error root of the project."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class PickproofError(Exception):
+    """Root of every error that a user's input can cause; the CLI prints it as one line and exits with 2."""
+
+
+class InputError(PickproofError):
+    """A user's input is not valid.
+
+    Attributes:
+        file: where the input stands (a path, or `command line`).
+        field: the dotted name of the offending field, or an empty string for the file as a whole.
+        value: what was found there.
+        valid: what would have been accepted.
+    """
+
+    def __init__(self, file: str | Path, field: str, value: object, valid: str) -> None:
+        self.file, self.field, self.value, self.valid = str(file), field, value, valid
+        shown = repr(value)
+        if len(shown) > 120:
+            shown = shown[:117] + "..."
+        where = f"{self.file}: {field}" if field else self.file
+        super().__init__(f"{where}: {shown} is not valid; expected {valid}")
+
+
+class SimulationError(PickproofError):
+    """The physics produced a state that cannot be trusted (NaN, an object at infinity, a dead client)."""

@@ -1,0 +1,170 @@
+"""The workpiece: CAD, mass, symmetry, collision pieces, friction."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import trimesh
+from pydantic import Field
+
+from cell.config import Config, load
+from cell.errors import InputError
+from cell.frames import Array, from_rpy
+from cell.symmetry import Symmetry
+
+SHIPPED = Path(__file__).resolve().parent.parent / "scenarios" / "workpieces"
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+Triple = tuple[float, float, float]
+
+
+class CollisionBox(Config):
+    """A solid box in the CAD frame: full edge lengths [m], centre [m], fixed-axis roll, pitch, yaw [rad]."""
+
+    size: Triple
+    centre: Triple
+    rpy: Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def T_part_box(self) -> Array:
+        return from_rpy(self.centre, self.rpy)
+
+
+class SymmetryConfig(Config):
+    """d_x, d_y, d_z of the paper in [deg], 0 for none; `infinite_below` is T_s."""
+
+    degrees: Triple = (0.0, 0.0, 0.0)
+    infinite_below: float = Field(15.0, gt=0)
+
+
+class WorkpieceConfig(Config):
+    """Schema of workpiece.yaml."""
+
+    name: str
+    paper_row: str = ""
+    mesh: str
+    mesh_unit: Literal["m", "cm", "mm"]
+    material: str
+    density: float = Field(gt=10, lt=30000, description="[kg/m3]")
+    friction: float = Field(gt=0, le=2)
+    symmetry: SymmetryConfig = SymmetryConfig()
+    collision_boxes: list[CollisionBox] = Field(min_length=1)
+    tolerance: float = Field(0.005, gt=0, description="T_e of the paper in [m]")
+
+
+@dataclass(frozen=True)
+class Workpiece:
+    """One workpiece; all lengths in [m], in the CAD frame whose origin is the centre of the bounding box.
+
+    Attributes:
+        vertices, faces: the exact mesh (n, 3) and (m, 3), read-only.
+        mass: in [kg]; com: centre of mass (3,); inertia: (3, 3) about the centre of mass in [kg m2].
+        tolerance: T_e, the distance under which an estimate counts as right.
+    """
+
+    name: str
+    folder: Path
+    vertices: Array
+    faces: np.ndarray
+    mass: float
+    com: Array
+    inertia: Array
+    friction: float
+    symmetry: Symmetry
+    collision_boxes: tuple[CollisionBox, ...]
+    tolerance: float
+
+    @property
+    def extents(self) -> Array:
+        """Edge lengths (3,) of the bounding box."""
+        return np.ptp(self.vertices, axis=0)
+
+    @property
+    def unit(self) -> float:
+        """Length in [m] that becomes 1 in the normalised workpiece space: the longest side."""
+        return float(self.extents.max())
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        return trimesh.Trimesh(self.vertices, self.faces, process=False)
+
+    def sample_surface(self, n: int, seed: int = 0) -> tuple[Array, Array]:
+        """Points and outward normals, each (n, 3), uniform over the surface."""
+        points, face = trimesh.sample.sample_surface(self.mesh, n, seed=seed)
+        return np.asarray(points), np.asarray(self.mesh.face_normals[face])
+
+
+def search_path() -> list[Path]:
+    """Folders that hold workpiece folders: those in PICKPROOF_WORKPIECES, then the shipped ones."""
+    extra = [Path(p) for p in os.environ.get("PICKPROOF_WORKPIECES", "").split(os.pathsep) if p]
+    return [*extra, SHIPPED]
+
+
+def list_workpieces() -> list[str]:
+    """Names of all workpieces on the search path."""
+    found = {p.parent.name for folder in search_path() for p in folder.glob("*/workpiece.yaml")}
+    return sorted(found)
+
+
+def load_workpiece(name: str) -> Workpiece:
+    """Load a workpiece by name.
+
+    Raises:
+        InputError: no such workpiece, an invalid workpiece.yaml, or a missing or unusable mesh.
+    """
+    for root in search_path():
+        if (root / name / "workpiece.yaml").is_file():
+            return _load(root / name)
+    raise InputError("command line", "workpiece", name, f"one of: {', '.join(list_workpieces())}")
+
+
+def _load(folder: Path) -> Workpiece:
+    path = folder / "workpiece.yaml"
+    config = load(WorkpieceConfig, path)
+    mesh = _read_mesh(path, folder / config.mesh)
+    mesh.apply_scale(UNITS[config.mesh_unit])
+    if not 1e-3 < mesh.extents.max() < 5.0:
+        size = " x ".join(f"{e:.4g}" for e in mesh.extents)
+        raise InputError(path, "mesh_unit", f"{config.mesh_unit} (part of {size} m)", "a part of 1 mm to 5 m")
+    offset = np.abs(mesh.bounds.mean(axis=0)).max()
+    if offset > 1e-3 * mesh.extents.max():
+        raise InputError(path, "mesh", f"centre of bounding box {offset:.4g} m off the origin", "a centred mesh")
+    mesh.density = config.density
+    vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+    vertices.flags.writeable = faces.flags.writeable = False
+    try:
+        symmetry = Symmetry(config.symmetry.degrees, config.symmetry.infinite_below)
+    except ValueError:
+        raise InputError(path, "symmetry.degrees", config.symmetry.degrees, "a finite rotation group") from None
+    return Workpiece(
+        name=config.name,
+        folder=folder,
+        vertices=vertices,
+        faces=faces,
+        mass=float(mesh.mass),
+        com=np.array(mesh.center_mass),
+        inertia=np.array(mesh.moment_inertia),
+        friction=config.friction,
+        symmetry=symmetry,
+        collision_boxes=tuple(config.collision_boxes),
+        tolerance=config.tolerance,
+    )
+
+
+def _read_mesh(yaml_path: Path, path: Path) -> trimesh.Trimesh:
+    if not path.is_file():
+        raise InputError(yaml_path, "mesh", str(path), "an existing STL, OBJ or PLY file")
+    try:
+        mesh = trimesh.load(path, force="mesh")
+    except Exception as error:  # noqa: BLE001  trimesh's readers raise whatever their parsers raise
+        raise InputError(yaml_path, "mesh", f"{path} ({error})", "a readable STL, OBJ or PLY file") from None
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
+        raise InputError(yaml_path, "mesh", str(path), "a mesh with faces and finite vertices")
+    if not mesh.is_watertight or mesh.volume <= 0:
+        raise InputError(yaml_path, "mesh", str(path), "a watertight mesh with outward normals (mass comes from it)")
+    return mesh

@@ -1,0 +1,66 @@
+"""Filling a bin: workpieces fall in seeded order through a chute, settle, and the chute is taken away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.bin import Bin, Box
+from cell.errors import SimulationError
+from cell.frames import Array, make_transform
+from cell.workpiece import Workpiece
+from cell.world import World, random_pose
+
+CHUTE_HEIGHT = 0.25  # [m] over the rim
+
+
+@dataclass(frozen=True)
+class Heap:
+    """A settled bin: `Ts_world_part` (n, 4, 4) and whether each workpiece lies inside the bin (n,)."""
+
+    Ts_world_part: Array
+    inside: np.ndarray
+
+
+def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.random.Generator) -> Heap:
+    """Drop `count` workpieces into `bin` and wait until they rest.
+
+    Each falls from a height at which it cannot touch the heap below, with uniform random rotation; the chute keeps
+    bouncing parts from leaving, as the funnel of a real filling station does.
+
+    Raises:
+        SimulationError: the heap does not come to rest within 8 s of simulated time.
+    """
+    chute = _chute(bin)
+    for box in chute:
+        world.add_box(box, friction=0.0)
+    reach = float(np.linalg.norm(workpiece.extents)) / 2
+    lx, ly, lz = bin.inner
+    half = (max(lx / 2 - reach, 0.0), max(ly / 2 - reach, 0.0))
+    x, y, z = bin.position
+    first = len(world.parts)
+    for i in range(count):
+        layer = reach * (1 + 2 * (i % 3))
+        pose = random_pose((0.0, 0.0, lz + 0.02 + layer), half, rng)
+        world.add_part(workpiece, bin.T_world_bin @ pose)
+        if i % 3 == 2:  # three at a time, each falling through its own layer
+            world.run(0.15)
+    rested = world.run_until_rest(8.0)
+    for box in chute:
+        world.remove_box(box.name)
+    world.run(0.05)
+    if not (rested and world.run_until_rest(4.0)):
+        raise SimulationError(f"{count} x {workpiece.name} do not come to rest in the bin")
+    Ts = world.part_poses()[first:]
+    return Heap(Ts, bin.contains(Ts[:, :3, 3], above=reach))
+
+
+def _chute(bin: Bin) -> list[Box]:
+    """Four frictionless walls over the rim."""
+    walls = []
+    for box in bin.boxes()[1:]:
+        lift = make_transform(t=(0.0, 0.0, bin.inner[2] / 2 + CHUTE_HEIGHT / 2))
+        size = (box.size[0], box.size[1], CHUTE_HEIGHT)
+        walls.append(Box(f"chute_{box.name}", size, box.T_world_box @ lift))
+    return walls

@@ -1,0 +1,186 @@
+"""The physics: one headless PyBullet client, the static boxes of the cell and the workpieces in it.
+
+Settings are those under which a part held by friction alone does not creep (docs/cell.md): 1/480 s, friction anchors
+on parts and fingers, frictionERP 0.8, sleeping on, deterministic overlapping pairs. The world is always rebuilt from
+nothing: saveState/restoreState is not exact for compound shapes, and a bad body id is ignored in silence, so neither
+is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pybullet
+from pybullet_utils.bullet_client import BulletClient
+from scipy.spatial.transform import Rotation
+
+from cell.bin import Bin, Box
+from cell.errors import SimulationError
+from cell.frames import Array, from_quat_xyzw, invert, make_transform, to_quat_xyzw
+from cell.workpiece import Workpiece
+
+GRAVITY = 9.81  # [m/s2]
+TIMESTEP = 1 / 480  # [s]
+
+
+class World:
+    """A physics world in SI units, z up.
+
+    Attributes:
+        dt: time step in [s].
+        time: simulated time in [s].
+        client: the PyBullet client; used within `cell` only.
+        parts: body ids of the workpieces in the order in which they were added.
+    """
+
+    def __init__(self, dt: float = TIMESTEP, solver_iterations: int = 30) -> None:
+        self.dt = dt
+        self.client: Any = BulletClient(connection_mode=pybullet.DIRECT)
+        self.client.resetSimulation()
+        self.client.setGravity(0, 0, -GRAVITY)
+        self.client.setPhysicsEngineParameter(
+            fixedTimeStep=dt,
+            numSolverIterations=solver_iterations,
+            numSubSteps=0,
+            frictionERP=0.8,
+            solverResidualThreshold=1e-5,
+            deterministicOverlappingPairs=1,
+        )
+        self.steps = 0
+        self.boxes: dict[str, int] = {}
+        self.parts: list[int] = []
+        self._T_part_inertial: list[Array] = []
+        self._shapes: dict[str, int] = {}
+
+    @property
+    def time(self) -> float:
+        return self.steps * self.dt
+
+    def close(self) -> None:
+        """Disconnect the client; the world cannot be used after."""
+        self.client.disconnect()
+
+    def add_box(self, box: Box, friction: float = 0.5) -> int:
+        """Add a static box; returns its body id."""
+        shape = self.client.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[s / 2 for s in box.size])
+        body = self.client.createMultiBody(
+            0.0,
+            shape,
+            basePosition=box.T_world_box[:3, 3].tolist(),
+            baseOrientation=to_quat_xyzw(box.T_world_box).tolist(),
+        )
+        self.client.changeDynamics(body, -1, lateralFriction=friction, restitution=0.05)
+        self.boxes[box.name] = body
+        return int(body)
+
+    def add_bin(self, bin: Bin, friction: float = 0.4) -> None:
+        """Add floor and walls of a bin."""
+        for box in bin.boxes():
+            self.add_box(box, friction)
+
+    def remove_box(self, name: str) -> None:
+        """Remove a static box by name; raises KeyError when there is none."""
+        self.client.removeBody(self.boxes.pop(name))
+
+    def add_part(self, workpiece: Workpiece, T_world_part: Array) -> int:
+        """Add a workpiece as a rigid body of collision boxes; returns its index in `parts`.
+
+        Mass, centre of mass and the full inertia tensor are those of the CAD at its density.
+        """
+        moments, axes = np.linalg.eigh(workpiece.inertia)
+        if np.linalg.det(axes) < 0:
+            axes[:, 0] *= -1
+        T_part_inertial = make_transform(axes, workpiece.com)
+        # positions given to createMultiBody and read back are those of the inertial frame, so the pieces are placed in it
+        T_inertial_part = invert(T_part_inertial)
+        pieces = [T_inertial_part @ box.T_part_box for box in workpiece.collision_boxes]
+        shape = self.client.createCollisionShapeArray(
+            shapeTypes=[pybullet.GEOM_BOX] * len(pieces),
+            halfExtents=[[s / 2 for s in box.size] for box in workpiece.collision_boxes],
+            collisionFramePositions=[T[:3, 3].tolist() for T in pieces],
+            collisionFrameOrientations=[to_quat_xyzw(T).tolist() for T in pieces],
+        )
+        T = T_world_part @ T_part_inertial
+        body = self.client.createMultiBody(
+            workpiece.mass, shape, basePosition=T[:3, 3].tolist(), baseOrientation=to_quat_xyzw(T).tolist()
+        )
+        self.client.changeDynamics(
+            body,
+            -1,
+            lateralFriction=workpiece.friction,
+            spinningFriction=0.001,
+            rollingFriction=0.0,
+            restitution=0.05,
+            frictionAnchor=1,
+            localInertiaDiagonal=moments.tolist(),
+            linearDamping=0.04,
+            angularDamping=0.04,
+            activationState=pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
+        )
+        self.parts.append(int(body))
+        self._T_part_inertial.append(T_part_inertial)
+        return len(self.parts) - 1
+
+    def place_part(self, index: int, T_world_part: Array) -> None:
+        """Teleport a workpiece at rest (filling the bin only; never during a pick)."""
+        T = T_world_part @ self._T_part_inertial[index]
+        body = self.parts[index]
+        self.client.resetBasePositionAndOrientation(body, T[:3, 3].tolist(), to_quat_xyzw(T).tolist())
+        self.client.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+
+    def part_pose(self, index: int) -> Array:
+        """T_world_part (4, 4) of one workpiece."""
+        position, quat_xyzw = self.client.getBasePositionAndOrientation(self.parts[index])
+        return from_quat_xyzw(position, quat_xyzw) @ invert(self._T_part_inertial[index])
+
+    def part_poses(self) -> Array:
+        """Ts_world_part (n, 4, 4).
+
+        Raises:
+            SimulationError: a pose is not finite.
+        """
+        if not self.parts:
+            return np.zeros((0, 4, 4))
+        Ts = np.stack([self.part_pose(i) for i in range(len(self.parts))])
+        if not np.isfinite(Ts).all():
+            raise SimulationError("a workpiece has a pose that is not finite")
+        return Ts
+
+    def part_speeds(self) -> Array:
+        """Speeds (n, 2): linear [m/s] and angular [rad/s]."""
+        out = np.zeros((len(self.parts), 2))
+        for i, body in enumerate(self.parts):
+            linear, angular = self.client.getBaseVelocity(body)
+            out[i] = np.linalg.norm(linear), np.linalg.norm(angular)
+        return out
+
+    def step(self, n: int = 1) -> None:
+        """Advance n time steps."""
+        for _ in range(n):
+            self.client.stepSimulation()
+        self.steps += n
+
+    def run(self, seconds: float) -> None:
+        """Advance by a time, rounded to whole steps."""
+        self.step(round(seconds / self.dt))
+
+    def run_until_rest(self, limit: float, linear: float = 0.01, angular: float = 0.3) -> bool:
+        """Advance until every workpiece has been slower than the given speeds for 50 ms, at most `limit` [s]."""
+        quiet = 0
+        for _ in range(round(limit / (24 * self.dt))):
+            self.step(24)
+            speeds = self.part_speeds()
+            still = len(speeds) == 0 or bool((speeds[:, 0] < linear).all() and (speeds[:, 1] < angular).all())
+            quiet = quiet + 1 if still else 0
+            if quiet >= 2:
+                return True
+        return False
+
+
+def random_pose(centre: Sequence[float], half_span: tuple[float, float], rng: np.random.Generator) -> Array:
+    """A pose with uniform rotation at a uniform horizontal offset of at most `half_span` [m] from `centre`."""
+    offset = rng.uniform(-1.0, 1.0, 2) * half_span
+    R = Rotation.from_quat(rng.standard_normal(4)).as_matrix()
+    return make_transform(R, (centre[0] + offset[0], centre[1] + offset[1], centre[2]))

@@ -1,0 +1,96 @@
+"""Closed-form inverse kinematics: every branch of every pose at once.
+
+An ortho-parallel arm with a spherical wrist has eight branches a pose (Brandstoetter, Angerer, Hofbaur 2014,
+"An analytical solution of the inverse kinematics problem of industrial serial manipulators with an ortho-parallel
+basis and a spherical wrist"). A branch is one number, 4 * wrist + 2 * shoulder + elbow:
+shoulder 0 faces the wrist centre, 1 reaches back over the head; elbow and wrist are the signs of the two inner roots.
+It never changes along a motion that stays clear of the singularities.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from py_opw_kinematics import KinematicModel, RigidTransform, Robot
+
+from cell.frames import Array
+from robots.model import OpwConfig, RobotModel
+
+FRONT = (0, 1, 4, 5)  # branches whose shoulder faces the work
+SIGMA_MIN = 0.03  # [m/rad and rad/rad]; closer to a singularity the joints outrun the tool
+
+
+@dataclass(frozen=True)
+class Branches:
+    """All branches of n flange poses.
+
+    Attributes:
+        q: joint vectors (n, 8, 6) in [rad]; the last axis' turn is the one closest to the reference. NaN where none.
+        valid: (n, 8) the branch exists and keeps the joint limits.
+        exists: (n, 8) the branch exists, within the limits or not.
+        sigma: (n, 8) smallest singular value of the flange's geometric Jacobian, 0 where no branch exists.
+    """
+
+    q: Array
+    valid: np.ndarray
+    exists: np.ndarray
+    sigma: Array
+
+
+def inverse(model: RobotModel, Ts_base_flange: Array, q_near: ArrayLike | None = None) -> Branches:
+    """Every branch of flange poses (n, 4, 4), with J4 and J6 (and any other joint) turned by 2 pi into the limits.
+
+    Args:
+        q_near: (6,) in [rad], default home: of the turns within the limits, the closest to it is returned.
+    """
+    near = np.asarray(model.home if q_near is None else q_near, dtype=np.float64)
+    Ts = np.asarray(Ts_base_flange, dtype=np.float64).reshape(-1, 4, 4)
+    found = _solver(model.opw).reach(RigidTransform.from_matrix(Ts))
+    q = _turn(model, found.joints, near)
+    exists = np.isfinite(found.joints).all(axis=-1)
+    valid = exists & model.within_limits(q)
+    return Branches(q, valid, exists, np.nan_to_num(found.sigma_min))
+
+
+def branch(model: RobotModel, q: ArrayLike) -> np.ndarray:
+    """Branch number (...) of joint vectors q (..., 6) in [rad], the slot in which `inverse` returns them."""
+    o = model.opw
+    sign = np.where(o.flips, -1.0, 1.0)
+    theta = np.asarray(q, dtype=np.float64) * sign - np.deg2rad(o.offsets_deg)
+    psi3, k = np.arctan2(o.a2, o.c3), np.hypot(o.a2, o.c3)
+    elbow_angle = theta[..., 2] + psi3
+    wrist_x = o.a1 + o.c2 * np.sin(theta[..., 1]) + k * np.sin(theta[..., 1] + elbow_angle)
+    return np.asarray(4 * (np.sin(theta[..., 4]) < 0) + 2 * (wrist_x < 0) + (np.sin(elbow_angle) < 0), dtype=np.int64)
+
+
+def reachable(
+    model: RobotModel, Ts_base_tool: Array, T_flange_tool: Array, sigma_min: float = SIGMA_MIN
+) -> tuple[np.ndarray, Array]:
+    """Which TCP poses (n, 4, 4) have a front-facing branch within limits and away from singularities.
+
+    Returns:
+        mask (n,), and the largest sigma_min (n,) over those branches, 0 where there is none.
+    """
+    found = inverse(model, np.asarray(Ts_base_tool) @ np.linalg.inv(T_flange_tool))
+    front = list(FRONT)
+    sigma = np.where(found.valid[:, front], found.sigma[:, front], 0.0).max(axis=1, initial=0.0)
+    return sigma > sigma_min, sigma
+
+
+def _turn(model: RobotModel, q: Array, near: Array) -> Array:
+    """Of q + 2 pi k within the limits, the one closest to `near`; the closest of all where none is within."""
+    options = q[..., None] + 2 * np.pi * np.arange(-2, 3)  # (n, 8, 6, 5)
+    outside = (options < model.lower[:, None]) | (options > model.upper[:, None])
+    cost = np.abs(options - near[:, None]) + 1e3 * outside
+    best = np.argmin(np.where(np.isnan(cost), np.inf, cost), axis=-1)
+    return np.asarray(np.take_along_axis(options, best[..., None], axis=-1)[..., 0])
+
+
+@lru_cache(maxsize=8)
+def _solver(o: OpwConfig) -> Robot:
+    offsets = tuple(np.deg2rad(o.offsets_deg))
+    lengths = {"a1": o.a1, "a2": o.a2, "b": o.b, "c1": o.c1, "c2": o.c2, "c3": o.c3, "c4": o.c4}
+    return Robot(KinematicModel(**lengths, offsets=offsets, flip_axes=o.flips), degrees=False)

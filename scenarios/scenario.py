@@ -1,0 +1,213 @@
+"""The scenario: one typed schema that is the YAML, the effective configuration and its hash.
+
+Lengths in [m], angles in [rad] unless the name says deg, times in [s], forces in [N].
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import Field, model_validator
+
+from cell.bin import Bin, Box, table
+from cell.camera import Intrinsics, look_at
+from cell.config import Config, parse, read_yaml
+from cell.errors import InputError
+from cell.frames import Array
+from cell.sensor import SensorConfig
+from cell.workpiece import list_workpieces
+
+SHIPPED = Path(__file__).resolve().parent
+Triple = tuple[float, float, float]
+
+
+class BinConfig(Config):
+    """An open bin; its frame is at the centre of the inner floor."""
+
+    inner: Triple = Field((0.26, 0.20, 0.08), description="[m] inner length (x), width (y), depth (z)")
+    wall: float = Field(0.006, gt=0, le=0.1, description="[m] thickness of walls and floor")
+    position: Triple = Field(description="[m] of the inner floor's centre in the world")
+    yaw: float = Field(0.0, description="[rad] about world z")
+
+    @model_validator(mode="after")
+    def _solid(self) -> BinConfig:
+        if min(self.inner) <= 0:
+            raise ValueError("inner must be three positive lengths in [m]")
+        return self
+
+    def build(self, name: str) -> Bin:
+        return Bin(name, self.inner, self.wall, self.position, self.yaw)
+
+
+class TableConfig(Config):
+    """The table that everything stands on."""
+
+    size: Triple = Field((1.6, 1.6, 0.05), description="[m] edge lengths")
+    centre_top: Triple = Field((0.2, 0.0, 0.0), description="[m] centre of the top face; the robot stands at z = 0")
+
+    def build(self) -> Box:
+        return table(self.size, self.centre_top)
+
+
+class CameraConfig(Config):
+    """A fixed overhead camera; its image x axis is along world x, its y axis along world -y."""
+
+    width: int = Field(640, ge=64, le=1280, description="[pixel]")
+    height: int = Field(480, ge=64, le=1024, description="[pixel]")
+    fov_deg: float = Field(26.0, gt=1, lt=120, description="[deg] full horizontal field of view")
+    eye: Triple = Field((0.45, 0.0, 0.86), description="[m] position in the world")
+    target: Triple = Field((0.45, 0.0, 0.01), description="[m] point that the optical axis goes through")
+    sensing_time_s: float = Field(0.4, ge=0, le=60, description="[s] a capture takes; enters the cycle time")
+
+    @model_validator(mode="after")
+    def _looks_somewhere(self) -> CameraConfig:
+        along = [t - e for e, t in zip(self.eye, self.target, strict=True)]
+        if along[0] ** 2 + along[2] ** 2 < 1e-6:
+            raise ValueError("eye and target must differ, and not along world y alone")
+        return self
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        return Intrinsics.from_fov(self.width, self.height, float(np.deg2rad(self.fov_deg)))
+
+    @property
+    def T_world_camera(self) -> Array:
+        return look_at(np.array(self.eye), np.array(self.target))
+
+
+class PhysicsConfig(Config):
+    """Settings of the physics (docs/cell.md says why these)."""
+
+    timestep: float = Field(1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
+    solver_iterations: int = Field(30, ge=1, le=500)
+
+
+class PerceptionConfig(Config):
+    """Which estimates are handed on to grasping."""
+
+    min_score: float = Field(0.5, ge=0, le=1, description="calibrated score below which an estimate is rejected")
+    max_estimates: int = Field(12, ge=1, le=200, description="estimates handed on, best first")
+
+
+class GraspingConfig(Config):
+    """Weights of the ranking of grasp candidates; each term is in [0, 1]."""
+
+    weight_score: float = Field(1.0, ge=0, description="of the estimate's score")
+    weight_height: float = Field(1.0, ge=0, description="of the workpiece's height in the heap")
+    weight_upright: float = Field(0.5, ge=0, description="of an approach from above")
+    weight_priority: float = Field(0.5, ge=0, description="of the grasp point's own priority")
+    weight_clearance: float = Field(0.5, ge=0, description="of the clearance to scene and bin")
+    max_candidates: int = Field(40, ge=1, le=1000, description="candidates handed on to planning, best first")
+
+
+class LimitsConfig(Config):
+    """What a successful attempt must keep to."""
+
+    contact_force_N: float = Field(50.0, gt=0, description="[N] hardest touch of arm or gripper, fingers excepted")
+    attempt_timeout_s: float = Field(30.0, gt=0, le=600, description="[s] simulated time of one attempt")
+
+
+class StopConfig(Config):
+    """When an episode ends before the bin is cleared."""
+
+    failures_in_a_row: int = Field(3, ge=1, description="failed attempts that end the episode")
+    attempt_limit: int = Field(80, ge=1, description="attempts and no-picks that end the episode")
+    attempts_to_avoid: int = Field(4, ge=0, description="attempts for which a workpiece whose pick failed is left alone")
+
+
+class CarryConfig(Config):
+    """How the held workpiece is moved."""
+
+    speed_scale: float = Field(0.8, gt=0, le=1, description="of the arm's speed and acceleration limits")
+
+
+class Scenario(Config):
+    """A bin-picking cell and the job it is given."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", description="letters, digits, _ and -")
+    workpiece: str = Field(description="a name that `pickproof list` shows")
+    count: int = Field(30, ge=1, le=500, description="workpieces dropped into the source bin")
+    seed: int = Field(0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ...")
+    robot: Literal["lrmate200id"] = "lrmate200id"
+    gripper: str = "jaw_v1"
+    source_bin: BinConfig = BinConfig(position=(0.45, 0.0, 0.01))
+    place_bin: BinConfig = BinConfig(position=(0.22, -0.40, 0.01))
+    table: TableConfig = TableConfig()
+    camera: CameraConfig = CameraConfig()
+    sensor: SensorConfig = SensorConfig()
+    physics: PhysicsConfig = PhysicsConfig()
+    perception: PerceptionConfig = PerceptionConfig()
+    grasping: GraspingConfig = GraspingConfig()
+    limits: LimitsConfig = LimitsConfig()
+    stop: StopConfig = StopConfig()
+    carry: CarryConfig = CarryConfig()
+
+
+def list_scenarios() -> list[str]:
+    """Names of the shipped scenarios."""
+    return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
+
+
+def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
+    """Load a scenario by its name or from a YAML file.
+
+    Args:
+        overrides: `dotted.field=value` each, the value in YAML; they replace what the file says.
+
+    Raises:
+        InputError: no such scenario, a field that does not fit the schema, or an unknown workpiece.
+    """
+    path = _find(name_or_path)
+    data = read_yaml(path)
+    for override in overrides:
+        _apply(data, override)
+    file = f"{path} with --set {' '.join(overrides)}" if overrides else str(path)
+    scenario = parse(Scenario, data, file)
+    if scenario.workpiece not in list_workpieces():
+        raise InputError(file, "workpiece", scenario.workpiece, f"one of: {', '.join(list_workpieces())}")
+    return scenario
+
+
+def scenario_json(scenario: Scenario) -> str:
+    """The effective scenario, defaults filled in, as canonical JSON: sorted keys, no spaces."""
+    return json.dumps(scenario.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """SHA-256 of the canonical JSON without `seed`, so that it names the cell and the job, not the draw."""
+    data = json.loads(scenario_json(scenario))
+    del data["seed"]
+    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _find(name_or_path: str) -> Path:
+    if name_or_path in list_scenarios():
+        return SHIPPED / f"{name_or_path}.yaml"
+    path = Path(name_or_path)
+    if path.suffix in (".yaml", ".yml"):
+        return path  # read_yaml says when it is missing
+    raise InputError(
+        "command line", "SCENARIO", name_or_path, f"one of: {', '.join(list_scenarios())}; or the path of a .yaml file"
+    )
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    field, equals, text = override.partition("=")
+    keys = field.split(".")
+    if not equals or not all(keys):
+        raise InputError("command line", "--set", override, "FIELD=VALUE with a dotted field, as camera.width=1280")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise InputError("command line", f"--set {field}", text, "a value in YAML") from None
+    for key in keys[:-1]:
+        data = data.setdefault(key, {})
+        if not isinstance(data, dict):
+            raise InputError("command line", "--set", override, f"a field; {key} has no fields of its own")
+    data[keys[-1]] = value

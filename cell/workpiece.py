@@ -42,6 +42,14 @@ class SymmetryConfig(Config):
     infinite_below: float = Field(15.0, gt=0)
 
 
+class HeapConfig(Config):
+    """The heaps on which perception is trained and evaluated, fitting the size of the workpiece."""
+
+    bin_inner: Triple = Field(description="[m] length, width, depth")
+    count: tuple[int, int] = Field((6, 40), description="fewest and most workpieces in a heap")
+    camera_distance: float = Field(0.85, gt=0, description="[m] camera to bin floor")
+
+
 class WorkpieceConfig(Config):
     """Schema of workpiece.yaml."""
 
@@ -54,6 +62,7 @@ class WorkpieceConfig(Config):
     friction: float = Field(gt=0, le=2)
     symmetry: SymmetryConfig = SymmetryConfig()
     collision_boxes: list[CollisionBox] = Field(min_length=1)
+    heap: HeapConfig
     tolerance: float = Field(0.005, gt=0, description="T_e of the paper in [m]")
 
 
@@ -77,6 +86,7 @@ class Workpiece:
     friction: float
     symmetry: Symmetry
     collision_boxes: tuple[CollisionBox, ...]
+    heap: HeapConfig
     tolerance: float
 
     @property
@@ -152,6 +162,7 @@ def _load(folder: Path) -> Workpiece:
         friction=config.friction,
         symmetry=symmetry,
         collision_boxes=tuple(config.collision_boxes),
+        heap=config.heap,
         tolerance=config.tolerance,
     )
 

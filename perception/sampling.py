@@ -1,0 +1,172 @@
+"""Levels, neighbours and local frames of a cloud: everything the network needs that has no parameters.
+
+Levels are nested voxel samples (one random point a voxel), so density, and with it the meaning of k neighbours, is the
+same for a full and for a nearly empty bin. All of it is done with kd-trees outside the network.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cell.frames import Array
+from perception.cloud import Cloud
+
+VOXELS = (0.022, 0.055, 0.11, 0.22)
+"""[unit] edge of the voxels of level 0 (input) to 3; level 1 holds the voting points."""
+K_SET = 24
+"""Neighbours in a set abstraction."""
+K_BLOCK = 16
+"""Neighbours in a Point Transformer block."""
+K_UP = 3
+"""Neighbours in a feature propagation."""
+NORMAL_NEIGHBOURS = 32
+FRAME_NEIGHBOURS = 96
+FRAME_RADIUS = 0.22  # [unit]
+MIN_POINTS = 4
+"""Levels never get smaller than this many points, so that neighbours exist."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """One level: indices into the level below, neighbour indices, and frames.
+
+    Attributes:
+        points: (n, 3) in units.
+        frames: (n, 3, 3), columns are the x, y, z axes of each point's local frame.
+        down: (n, K_SET) neighbours in the level below.
+        block: (n, K_BLOCK) neighbours in this level.
+        up: (n_below, K_UP) neighbours in this level of each point of the level below; empty for level 1.
+        up_weights: (n_below, K_UP) inverse-distance weights that sum to 1.
+    """
+
+    points: np.ndarray
+    frames: np.ndarray
+    down: np.ndarray
+    block: np.ndarray
+    up: np.ndarray
+    up_weights: np.ndarray
+
+
+@dataclass(frozen=True)
+class Graph:
+    """What the network reads: input points with normals, and three levels.
+
+    Attributes:
+        points, normals, view: (n0, 3) float32.
+        levels: levels 1, 2 and 3.
+        source: (n1,) index into the cloud of each voting point.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    view: np.ndarray
+    levels: tuple[Level, Level, Level]
+    source: np.ndarray
+
+
+def voxel_sample(points: Array, voxel: float, rng: np.random.Generator) -> np.ndarray:
+    """Indices of one random point of every occupied voxel, in a random grid offset; sorted."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.intp)
+    cells = np.floor((points - points.min(axis=0) + rng.uniform(0, voxel, 3)) / voxel).astype(np.int64)
+    span = cells.max(axis=0) + 1
+    key = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
+    order = rng.permutation(len(points))
+    _, first = np.unique(key[order], return_index=True)
+    return np.sort(order[first])
+
+
+def neighbours(tree: cKDTree, queries: Array, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and indices (n, k) of the nearest points; the nearest is repeated where fewer than k exist."""
+    k_have = min(k, tree.n)
+    distance, index = tree.query(queries, k=k_have)
+    distance, index = distance.reshape(len(queries), k_have), index.reshape(len(queries), k_have)
+    if k_have < k:
+        pad = ((0, 0), (0, k - k_have))
+        distance, index = np.pad(distance, pad, mode="edge"), np.pad(index, pad, mode="edge")
+    return distance, index
+
+
+def normals_of(points: Array, neighbour: np.ndarray, view: Array) -> Array:
+    """Unit normals (n, 3) by PCA of the neighbours (n, k), turned to the camera."""
+    local = points[neighbour]
+    local = local - local.mean(axis=1, keepdims=True)
+    covariance = np.einsum("nki,nkj->nij", local, local)
+    normals = np.linalg.eigh(covariance)[1][:, :, 0]
+    return normals * np.where((normals * view).sum(1) < 0, -1.0, 1.0)[:, None]
+
+
+def local_frames(points: Array, normals: Array, queries: np.ndarray, tree: cKDTree) -> Array:
+    """Local reference frames (n, 3, 3) of points[queries]: z the normal, x the major tangential axis.
+
+    The axis is that of the covariance of the FRAME_NEIGHBOURS nearest points, weighted by max(0, FRAME_RADIUS - d),
+    projected to the tangent plane; its sign comes from the third moment (as in SHOT, Tombari 2010, with area weights).
+    """
+    distance, index = neighbours(tree, points[queries], FRAME_NEIGHBOURS)
+    weight = np.maximum(FRAME_RADIUS - distance, 0.0)
+    offset = points[index] - points[queries][:, None]
+    z = normals[queries]
+    offset = offset - np.einsum("nki,ni->nk", offset, z)[..., None] * z[:, None]
+    mean = (weight[..., None] * offset).sum(1) / np.maximum(weight.sum(1), 1e-12)[:, None]
+    centred = offset - mean[:, None]
+    covariance = np.einsum("nk,nki,nkj->nij", weight, centred, centred)
+    x = np.linalg.eigh(covariance)[1][:, :, 2]
+    x = x - (x * z).sum(1)[:, None] * z
+    length = np.linalg.norm(x, axis=1, keepdims=True)
+    helper = np.where(np.abs(z[:, :1]) < 0.9, np.eye(3)[0], np.eye(3)[1])
+    spare = np.cross(z, helper)
+    x = np.where(length > 1e-6, x, spare)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    third = (weight * np.einsum("nki,ni->nk", offset, x) ** 3).sum(1)
+    x *= np.where(third < 0, -1.0, 1.0)[:, None]
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def build_graph(cloud: Cloud, rng: np.random.Generator) -> Graph | None:
+    """Sample levels and neighbours; None when the cloud has too few points to hold a workpiece."""
+    source0 = voxel_sample(cloud.points, VOXELS[0], rng)
+    if len(source0) < 64:
+        return None
+    points, view = cloud.points[source0], cloud.view[source0]
+    tree0 = cKDTree(points)
+    normals = normals_of(points, neighbours(tree0, points, NORMAL_NEIGHBOURS)[1], view)
+    members = [np.arange(len(points))]
+    for voxel in VOXELS[1:]:
+        below = members[-1]
+        chosen = voxel_sample(points[below], voxel, rng)
+        if len(chosen) < MIN_POINTS:
+            chosen = np.arange(min(MIN_POINTS, len(below)))
+        members.append(below[chosen])
+    frames1 = local_frames(points, normals, members[1], tree0)
+    frame_of = np.zeros((len(points), 3, 3))
+    frame_of[members[1]] = frames1
+    trees = [tree0] + [cKDTree(points[m]) for m in members[1:]]
+    levels = []
+    for i in (1, 2, 3):
+        here = points[members[i]]
+        if i > 1:
+            d, up = neighbours(trees[i], points[members[i - 1]], K_UP)
+            weights = 1.0 / np.maximum(d, 1e-3)
+            weights /= weights.sum(1, keepdims=True)
+        else:
+            up, weights = np.zeros((0, K_UP), np.int64), np.zeros((0, K_UP))
+        levels.append(
+            Level(
+                here.astype(np.float32),
+                frame_of[members[i]].astype(np.float32),
+                neighbours(trees[i - 1], here, K_SET)[1].astype(np.int64),
+                neighbours(trees[i], here, K_BLOCK)[1].astype(np.int64),
+                up.astype(np.int64),
+                weights.astype(np.float32),
+            )
+        )
+    return Graph(
+        points.astype(np.float32),
+        normals.astype(np.float32),
+        view.astype(np.float32),
+        (levels[0], levels[1], levels[2]),
+        source0[members[1]],
+    )

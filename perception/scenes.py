@@ -1,0 +1,137 @@
+"""Settled heaps: poses are simulated once and stored; every image of them is rendered on the fly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from cell.bin import Bin, Box, table
+from cell.camera import Intrinsics, Render, look_at, render
+from cell.errors import InputError
+from cell.frames import Array, about_axis
+from cell.sensor import SensorConfig
+from cell.settle import fill_bin
+from cell.workpiece import Workpiece, load_workpiece
+from cell.world import World
+
+TRAIN_SEED, VALIDATION_SEED, HELD_OUT_SEED = 1_000_000, 2_000_000, 3_000_000
+"""First seeds of the three sets; a heap's seed alone makes its poses, so the sets never share a heap."""
+FLOOR = 0.01  # [m] height of the bin floor over the table
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera over a heap."""
+
+    intrinsics: Intrinsics
+    T_world_camera: Array
+    sensor: SensorConfig
+
+
+def heap_bin(workpiece: Workpiece) -> Bin:
+    """The bin in which a workpiece's heaps lie, at the world's origin."""
+    return Bin("bin", workpiece.heap.bin_inner, 0.006, (0.0, 0.0, FLOOR))
+
+
+def heap_boxes(workpiece: Workpiece) -> list[Box]:
+    """Everything but the workpieces that a camera over a heap sees."""
+    span = 3 * max(workpiece.heap.bin_inner)
+    return [table((span, span, 0.05), (0.0, 0.0, 0.0)), *heap_bin(workpiece).boxes()]
+
+
+def settle_heap(workpiece: Workpiece, seed: int) -> Array:
+    """Ts_world_part (n, 4, 4) of one settled heap; a random count in the workpiece's range."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(workpiece.heap.count[0], workpiece.heap.count[1] + 1))
+    world = World()
+    try:
+        for box in heap_boxes(workpiece):
+            world.add_box(box)
+        heap = fill_bin(world, workpiece, heap_bin(workpiece), count, rng)
+    finally:
+        world.close()
+    return heap.Ts_world_part[heap.inside]
+
+
+def _settle_named(name: str, seed: int) -> Array:
+    return settle_heap(load_workpiece(name), seed)
+
+
+def load_heaps(
+    workpiece: Workpiece, first_seed: int, count: int, folder: Path, workers: int, tick: Callable[[int], None] = lambda _: None
+) -> list[Array]:
+    """Heaps of seeds first_seed .. first_seed + count - 1, from `folder` where stored, else settled and stored.
+
+    Args:
+        tick: called with the number of heaps ready, for a progress display.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"heaps-{workpiece.name}-{first_seed}.npz"
+    known: dict[str, Array] = {}
+    if path.is_file():
+        try:
+            with np.load(path) as stored:
+                known = {key: stored[key] for key in stored.files}
+        except (OSError, ValueError) as error:
+            raise InputError(path, "", str(error), "a file of settled heaps; delete it to settle them anew") from None
+    seeds = range(first_seed, first_seed + count)
+    missing = [seed for seed in seeds if str(seed) not in known]
+    tick(count - len(missing))
+    if missing:
+        with ProcessPoolExecutor(max(workers, 1), mp_context=get_context("spawn")) as pool:
+            for seed, poses in zip(missing, pool.map(_settle_named, [workpiece.name] * len(missing), missing), strict=True):
+                known[str(seed)] = poses
+                tick(sum(str(s) in known for s in seeds))
+                if len(known) % 20 == 0:
+                    np.savez_compressed(path, **known)
+        np.savez_compressed(path, **known)
+    return [known[str(seed)] for seed in seeds]
+
+
+def random_view(workpiece: Workpiece, rng: np.random.Generator) -> View:
+    """A training view: tilt to 20 degrees, any roll, distance and noise over a range, 0.6 to 0.9 mm a pixel."""
+    inner = workpiece.heap.bin_inner
+    distance = workpiece.heap.camera_distance * rng.uniform(0.8, 1.2)
+    tilt, azimuth, roll = np.deg2rad(20) * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
+    direction = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
+    target = np.array([0.0, 0.0, FLOOR])
+    T = look_at(target + distance * direction, target) @ about_axis((0, 0, 1), roll)
+    width = int(rng.integers(340, 500))
+    # the bin's diagonal fills the image, so that any roll shows all of it
+    fov = 2 * np.arctan(np.hypot(inner[0], inner[1]) / 2 / distance) * 1.02
+    sensor = SensorConfig(
+        axial_sigma=1.2e-4 * rng.uniform(0.3, 2.5),
+        lateral_sigma=rng.uniform(0.1, 0.4),
+        grazing_deg=rng.uniform(72, 86),
+        edge_dropout=rng.uniform(0.2, 0.8),
+        speckle_dropout=rng.uniform(0.0, 0.05),
+        baseline=rng.uniform(0.04, 0.2),
+    )
+    return View(Intrinsics.from_fov(width, width, fov), T, sensor)
+
+
+def overhead_view(workpiece: Workpiece, sensor: SensorConfig | None = None) -> View:
+    """The cell's view: 640 x 480 straight from above, the bin filling the image."""
+    inner, distance = workpiece.heap.bin_inner, workpiece.heap.camera_distance
+    fov = 2 * np.arctan(max(inner[0], inner[1] * 4 / 3) / 2 * 1.15 / distance)
+    T = look_at(np.array([0.0, 0.0, FLOOR + distance]), np.array([0.0, 0.0, FLOOR]))
+    return View(Intrinsics.from_fov(640, 480, fov), T, sensor or SensorConfig())
+
+
+def render_heap(workpiece: Workpiece, poses: Array, view: View, threads: int = 1) -> Render:
+    """Exact render of a heap from a view."""
+    return render(
+        workpiece.vertices,
+        workpiece.faces,
+        poses,
+        heap_boxes(workpiece),
+        view.intrinsics,
+        view.T_world_camera,
+        view.sensor.projector_offset,
+        threads,
+    )

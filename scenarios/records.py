@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Literal
@@ -40,6 +41,14 @@ NO_PICK_REASONS = frozenset({Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Rea
 def nested(array: ArrayLike) -> Rows:
     """A matrix (n, m) as nested tuples of floats, the form in which records hold matrices."""
     return tuple(tuple(float(x) for x in row) for row in np.asarray(array, dtype=np.float64))
+
+
+_PLAIN: dict[str, Callable[[Any], Any]] = {
+    "seed attempt parts_in_bin_before n_estimates": int,
+    "moved success": bool,
+    "estimate_score error_mm error_deg sensing_s perceive_s choose_s plan_s robot_s wall_s": float,
+    "estimate_T_world_part part_poses_after": nested,
+}
 
 
 @dataclass(frozen=True)
@@ -88,12 +97,21 @@ class AttemptRecord:
     wall_s: float = 0.0
 
     def __post_init__(self) -> None:
+        self._normalise()
         if self.success != (self.reason == ""):
             raise ValueError(f"success {self.success} with reason {self.reason!r}")
         if self.reason != "":
             object.__setattr__(self, "reason", Reason(self.reason))
         if self.moved == (self.reason in NO_PICK_REASONS):
             raise ValueError(f"moved {self.moved} with reason {self.reason!r}")
+
+    def _normalise(self) -> None:
+        """Plain Python numbers, whatever numpy type they came as, so that a record stores and hashes one way."""
+        for names, kind in _PLAIN.items():
+            for name in names.split():
+                value = getattr(self, name)
+                if value is not None:
+                    object.__setattr__(self, name, kind(value))
 
     @property
     def compute_s(self) -> float:

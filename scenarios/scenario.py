@@ -30,10 +30,10 @@ Triple = tuple[float, float, float]
 class BinConfig(Config):
     """An open bin; its frame is at the centre of the inner floor."""
 
-    inner: Triple = Field((0.26, 0.20, 0.08), description="[m] inner length (x), width (y), depth (z)")
-    wall: float = Field(0.006, gt=0, le=0.1, description="[m] thickness of walls and floor")
+    inner: Triple = Field(default=(0.26, 0.20, 0.08), description="[m] inner length (x), width (y), depth (z)")
+    wall: float = Field(default=0.006, gt=0, le=0.1, description="[m] thickness of walls and floor")
     position: Triple = Field(description="[m] of the inner floor's centre in the world")
-    yaw: float = Field(0.0, description="[rad] about world z")
+    yaw: float = Field(default=0.0, description="[rad] about world z")
 
     @model_validator(mode="after")
     def _solid(self) -> BinConfig:
@@ -48,8 +48,10 @@ class BinConfig(Config):
 class TableConfig(Config):
     """The table that everything stands on."""
 
-    size: Triple = Field((1.6, 1.6, 0.05), description="[m] edge lengths")
-    centre_top: Triple = Field((0.2, 0.0, 0.0), description="[m] centre of the top face; the robot stands at z = 0")
+    size: Triple = Field(default=(1.6, 1.6, 0.05), description="[m] edge lengths")
+    centre_top: Triple = Field(
+        default=(0.2, 0.0, 0.0), description="[m] centre of the top face; the robot stands at z = 0"
+    )
 
     def build(self) -> Box:
         return table(self.size, self.centre_top)
@@ -58,12 +60,12 @@ class TableConfig(Config):
 class CameraConfig(Config):
     """A fixed overhead camera; its image x axis is along world x, its y axis along world -y."""
 
-    width: int = Field(640, ge=64, le=1280, description="[pixel]")
-    height: int = Field(480, ge=64, le=1024, description="[pixel]")
-    fov_deg: float = Field(26.0, gt=1, lt=120, description="[deg] full horizontal field of view")
-    eye: Triple = Field((0.45, 0.0, 0.86), description="[m] position in the world")
-    target: Triple = Field((0.45, 0.0, 0.01), description="[m] point that the optical axis goes through")
-    sensing_time_s: float = Field(0.4, ge=0, le=60, description="[s] a capture takes; enters the cycle time")
+    width: int = Field(default=640, ge=64, le=1280, description="[pixel]")
+    height: int = Field(default=480, ge=64, le=1024, description="[pixel]")
+    fov_deg: float = Field(default=26.0, gt=1, lt=120, description="[deg] full horizontal field of view")
+    eye: Triple = Field(default=(0.45, 0.0, 0.86), description="[m] position in the world")
+    target: Triple = Field(default=(0.45, 0.0, 0.01), description="[m] point that the optical axis goes through")
+    sensing_time_s: float = Field(default=0.4, ge=0, le=60, description="[s] a capture takes; enters the cycle time")
 
     @model_validator(mode="after")
     def _looks_somewhere(self) -> CameraConfig:
@@ -84,47 +86,51 @@ class CameraConfig(Config):
 class PhysicsConfig(Config):
     """Settings of the physics (docs/cell.md says why these)."""
 
-    timestep: float = Field(1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
-    solver_iterations: int = Field(30, ge=1, le=500)
+    timestep: float = Field(default=1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
+    solver_iterations: int = Field(default=30, ge=1, le=500)
 
 
 class PerceptionConfig(Config):
     """Which estimates are handed on to grasping."""
 
-    min_score: float = Field(0.5, ge=0, le=1, description="calibrated score below which an estimate is rejected")
-    max_estimates: int = Field(12, ge=1, le=200, description="estimates handed on, best first")
+    min_score: float = Field(
+        default=0.5, ge=0, le=1, description="calibrated score below which an estimate is rejected"
+    )
+    max_estimates: int = Field(default=12, ge=1, le=200, description="estimates handed on, best first")
 
 
 class GraspingConfig(Config):
     """Weights of the ranking of grasp candidates; each term is in [0, 1]."""
 
-    weight_score: float = Field(1.0, ge=0, description="of the estimate's score")
-    weight_height: float = Field(1.0, ge=0, description="of the workpiece's height in the heap")
-    weight_upright: float = Field(0.5, ge=0, description="of an approach from above")
-    weight_priority: float = Field(0.5, ge=0, description="of the grasp point's own priority")
-    weight_clearance: float = Field(0.5, ge=0, description="of the clearance to scene and bin")
-    max_candidates: int = Field(40, ge=1, le=1000, description="candidates handed on to planning, best first")
+    weight_score: float = Field(default=1.0, ge=0, description="of the estimate's score")
+    weight_height: float = Field(default=1.0, ge=0, description="of the workpiece's height in the heap")
+    weight_upright: float = Field(default=0.5, ge=0, description="of an approach from above")
+    weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
+    weight_clearance: float = Field(default=0.5, ge=0, description="of the clearance to scene and bin")
+    max_candidates: int = Field(default=40, ge=1, le=1000, description="candidates handed on to planning, best first")
 
 
 class LimitsConfig(Config):
     """What a successful attempt must keep to."""
 
-    contact_force_N: float = Field(50.0, gt=0, description="[N] hardest touch of arm or gripper, fingers excepted")
-    attempt_timeout_s: float = Field(30.0, gt=0, le=600, description="[s] simulated time of one attempt")
+    contact_force_N: float = Field(
+        default=50.0, gt=0, description="[N] hardest touch of arm or gripper, fingers excepted"
+    )
+    attempt_timeout_s: float = Field(default=30.0, gt=0, le=600, description="[s] simulated time of one attempt")
 
 
 class StopConfig(Config):
     """When an episode ends before the bin is cleared."""
 
-    failures_in_a_row: int = Field(3, ge=1, description="failed attempts that end the episode")
-    attempt_limit: int = Field(80, ge=1, description="attempts and no-picks that end the episode")
-    attempts_to_avoid: int = Field(4, ge=0, description="attempts for which a workpiece whose pick failed is left alone")
+    failures_in_a_row: int = Field(default=3, ge=1, description="failed attempts that end the episode")
+    attempt_limit: int = Field(default=80, ge=1, description="attempts and no-picks that end the episode")
+    attempts_to_avoid: int = Field(default=4, ge=0, description="attempts a failed workpiece is left alone")
 
 
 class CarryConfig(Config):
     """How the held workpiece is moved."""
 
-    speed_scale: float = Field(0.8, gt=0, le=1, description="of the arm's speed and acceleration limits")
+    speed_scale: float = Field(default=0.8, gt=0, le=1, description="of the arm's speed and acceleration limits")
 
 
 class Scenario(Config):
@@ -132,15 +138,17 @@ class Scenario(Config):
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", description="letters, digits, _ and -")
     workpiece: str = Field(description="a name that `pickproof list` shows")
-    count: int = Field(30, ge=1, le=500, description="workpieces dropped into the source bin")
-    seed: int = Field(0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ...")
+    count: int = Field(default=30, ge=1, le=500, description="workpieces dropped into the source bin")
+    seed: int = Field(
+        default=0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ..."
+    )
     robot: Literal["lrmate200id"] = "lrmate200id"
     gripper: str = "jaw_v1"
     source_bin: BinConfig = BinConfig(position=(0.45, 0.0, 0.01))
     place_bin: BinConfig = BinConfig(position=(0.22, -0.40, 0.01))
     table: TableConfig = TableConfig()
     camera: CameraConfig = CameraConfig()
-    sensor: SensorConfig = SensorConfig()
+    sensor: SensorConfig = SensorConfig.model_validate({})
     physics: PhysicsConfig = PhysicsConfig()
     perception: PerceptionConfig = PerceptionConfig()
     grasping: GraspingConfig = GraspingConfig()

@@ -1,0 +1,279 @@
+"""The results file: DIR/results.sqlite, one writer, every attempt committed as it ends."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from platform import python_version
+from typing import Any
+
+from cell.errors import InputError, PickproofError
+from scenarios.records import AttemptRecord, EpisodeRecord
+
+FILE = "results.sqlite"
+SCHEMA_VERSION = 1
+APPLICATION_ID = 0x7069636B  # "pick", in the file's header
+
+_TABLES = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE episodes (
+    seed INTEGER PRIMARY KEY, parts_dropped INTEGER NOT NULL, parts_picked INTEGER NOT NULL, end TEXT NOT NULL,
+    attempts INTEGER NOT NULL, wall_s REAL NOT NULL);
+CREATE TABLE attempts (
+    seed INTEGER NOT NULL, attempt INTEGER NOT NULL, moved INTEGER NOT NULL, success INTEGER NOT NULL,
+    reason TEXT NOT NULL, parts_in_bin_before INTEGER NOT NULL, n_estimates INTEGER NOT NULL,
+    estimate_T_world_part TEXT, estimate_score REAL, error_mm REAL, error_deg REAL, grasp TEXT NOT NULL,
+    sensing_s REAL NOT NULL, perceive_s REAL NOT NULL, choose_s REAL NOT NULL, plan_s REAL NOT NULL,
+    robot_s REAL NOT NULL, part_poses_after TEXT NOT NULL, tree TEXT NOT NULL, wall_s REAL NOT NULL,
+    PRIMARY KEY (seed, attempt));
+CREATE TABLE pictures (
+    seed INTEGER NOT NULL, attempt INTEGER NOT NULL, name TEXT NOT NULL, png BLOB NOT NULL,
+    PRIMARY KEY (seed, attempt, name));
+"""
+_ATTEMPT_COLUMNS = [f.name for f in fields(AttemptRecord) if f.name != "pictures"]
+_JSON_COLUMNS = ("estimate_T_world_part", "part_poses_after", "tree")
+_EPISODE_COLUMNS = [f.name for f in fields(EpisodeRecord)]
+
+
+class StoreError(PickproofError):
+    """The results file cannot be read or written (locked, disk full, damaged)."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of what decides the results."""
+    found = {"python": python_version()}
+    for package in ("pickproof", "numpy", "pybullet", "torch"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+class Store:
+    """An open results file. `create` and `resume` write, `read` only reads; use it as a context manager."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None = None) -> None:
+        self.path, self._db, self._lock = path, connection, lock
+
+    @staticmethod
+    def create(directory: Path, meta: dict[str, Any]) -> Store:
+        """Make `directory` and a new results file in it; `meta` is stored as JSON values.
+
+        Raises:
+            InputError: the directory holds results already, or cannot be made.
+        """
+        path = directory / FILE
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError("command line", "--out", str(directory), f"a folder to write to ({error})") from None
+        lock = _lock(directory)
+        try:
+            if path.exists():
+                raise InputError(
+                    "command line", "--out", str(directory), "a folder without results, or --resume to continue them"
+                )
+            store = Store(path, _connect(path, "rwc"), lock)
+            with store._errors():
+                store._db.execute("PRAGMA journal_mode = WAL")
+                store._db.execute("PRAGMA synchronous = NORMAL")
+                script = f"BEGIN; {_TABLES} PRAGMA application_id = {APPLICATION_ID};"
+                store._db.executescript(f"{script} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+            store.set_meta({"schema_version": SCHEMA_VERSION, **meta})
+        except BaseException:
+            os.close(lock)
+            raise
+        return store
+
+    @staticmethod
+    def resume(directory: Path) -> Store:
+        """Open the results in `directory` to continue them."""
+        path = _existing(directory)
+        lock = _lock(directory)
+        try:
+            store = Store(path, _connect(path, "rw"), lock)
+            store._check()
+        except BaseException:
+            os.close(lock)
+            raise
+        return store
+
+    @staticmethod
+    def read(directory: Path) -> Store:
+        """Open the results in `directory` for reading; a campaign may be writing at the same time."""
+        path = _existing(directory)
+        store = Store(path, _connect(path, "ro"))
+        store._check()
+        return store
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file and give up the lock."""
+        self._db.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def set_meta(self, values: dict[str, Any]) -> None:
+        """Store or replace values, as JSON."""
+        rows = [(key, json.dumps(value, sort_keys=True)) for key, value in values.items()]
+        with self._errors(), self._db:
+            self._db.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", rows)
+
+    def meta(self) -> dict[str, Any]:
+        """All values of the table `meta`."""
+        with self._errors():
+            return {key: json.loads(value) for key, value in self._db.execute("SELECT key, value FROM meta")}
+
+    def add_attempt(self, record: AttemptRecord) -> None:
+        """Commit an attempt and its pictures."""
+        row = [getattr(record, name) for name in _ATTEMPT_COLUMNS]
+        for name in _JSON_COLUMNS:
+            value = getattr(record, name)
+            row[_ATTEMPT_COLUMNS.index(name)] = (
+                None if value is None and name != "tree" else json.dumps(value, default=_plain)
+            )
+        marks = ", ".join("?" * len(row))
+        pictures = [(record.seed, record.attempt, name, png) for name, png in record.pictures.items()]
+        with self._errors(), self._db:
+            self._db.execute(f"INSERT INTO attempts ({', '.join(_ATTEMPT_COLUMNS)}) VALUES ({marks})", row)
+            self._db.executemany("INSERT INTO pictures VALUES (?, ?, ?, ?)", pictures)
+
+    def add_episode(self, record: EpisodeRecord) -> None:
+        """Commit the end of an episode."""
+        row = [getattr(record, name) for name in _EPISODE_COLUMNS]
+        with self._errors(), self._db:
+            self._db.execute(f"INSERT INTO episodes ({', '.join(_EPISODE_COLUMNS)}) VALUES (?, ?, ?, ?, ?, ?)", row)
+
+    def forget_unfinished(self, seed: int | None = None) -> None:
+        """Delete attempts of episodes that did not end: of one seed, or of all."""
+        where = "seed NOT IN (SELECT seed FROM episodes) AND (?1 IS NULL OR seed = ?1)"
+        with self._errors(), self._db:
+            for table in ("attempts", "pictures"):
+                self._db.execute(f"DELETE FROM {table} WHERE {where}", (seed,))
+
+    def attempts(self) -> list[AttemptRecord]:
+        """All attempts in order of seed and attempt, without their pictures."""
+        query = f"SELECT {', '.join(_ATTEMPT_COLUMNS)} FROM attempts ORDER BY seed, attempt"
+        with self._errors():
+            return [_attempt(dict(zip(_ATTEMPT_COLUMNS, row, strict=True))) for row in self._db.execute(query)]
+
+    def episodes(self) -> list[EpisodeRecord]:
+        """All episodes that ended, in order of seed."""
+        query = f"SELECT {', '.join(_EPISODE_COLUMNS)} FROM episodes ORDER BY seed"
+        with self._errors():
+            return [EpisodeRecord(*row) for row in self._db.execute(query)]
+
+    def pictures(self, seed: int, attempt: int) -> dict[str, bytes]:
+        """Pictures of an attempt, name -> PNG, in the order in which they were made."""
+        query = "SELECT name, png FROM pictures WHERE seed = ? AND attempt = ? ORDER BY rowid"
+        with self._errors():
+            return dict(self._db.execute(query, (seed, attempt)).fetchall())
+
+    def _check(self) -> None:
+        try:
+            with self._errors():
+                application = self._db.execute("PRAGMA application_id").fetchone()[0]
+                schema = self._db.execute("PRAGMA user_version").fetchone()[0]
+            if application != APPLICATION_ID:
+                raise InputError(self.path, "", "another program's database", "a file that `pickproof run` wrote")
+            if schema > SCHEMA_VERSION:
+                raise InputError(
+                    self.path, "schema_version", schema, f"at most {SCHEMA_VERSION}; a newer pickproof wrote this file"
+                )
+        except BaseException:
+            self._db.close()
+            raise
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise _explain(self.path, error) from None
+
+
+def record_hash(attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRecord]) -> str:
+    """SHA-256 over attempts, outcomes and poses in order of seed and attempt.
+
+    Floats enter by their exact bits (`float.hex`); times, pictures and everything about the machine stay out.
+    """
+    digest = hashlib.sha256()
+    for a in sorted(attempts, key=lambda a: (a.seed, a.attempt)):
+        chosen = (a.estimate_T_world_part, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
+        outcome = (a.moved, a.success, str(a.reason), a.parts_in_bin_before, a.n_estimates)
+        line = ["attempt", a.seed, a.attempt, outcome, chosen, a.part_poses_after]
+        digest.update(json.dumps(_exact(line)).encode() + b"\n")
+    for e in sorted(episodes, key=lambda e: e.seed):
+        line = ["episode", e.seed, e.parts_dropped, e.parts_picked, e.end, e.attempts]
+        digest.update(json.dumps(_exact(line)).encode() + b"\n")
+    return digest.hexdigest()
+
+
+def _exact(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_exact(v) for v in value]
+    return value.hex() if isinstance(value, float) else value
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def _attempt(row: dict[str, Any]) -> AttemptRecord:
+    for name in ("estimate_T_world_part", "part_poses_after"):
+        if row[name] is not None:
+            row[name] = json.loads(row[name])
+    row["tree"] = json.loads(row["tree"])
+    row["moved"], row["success"] = bool(row["moved"]), bool(row["success"])
+    return AttemptRecord(**row)
+
+
+def _existing(directory: Path) -> Path:
+    path = directory / FILE
+    if not path.is_file():
+        raise InputError(path, "", "missing file", "a folder that `pickproof run --out` wrote")
+    return path
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    try:
+        return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=5.0)
+    except sqlite3.Error as error:
+        raise _explain(path, error) from None
+
+
+def _lock(directory: Path) -> int:
+    """One writer: an advisory lock on the folder, given up by the system when the process ends."""
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise StoreError(f"{directory}: locked; another `pickproof run` is writing there") from None
+    return handle
+
+
+def _explain(path: Path, error: sqlite3.Error) -> PickproofError:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
+        return InputError(path, "", str(error), "a file that `pickproof run` wrote")
+    if code == sqlite3.SQLITE_FULL:
+        return StoreError(f"{path}: {error}; attempts up to here are kept, make room and continue with --resume")
+    if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        return StoreError(f"{path}: {error}; another program is writing to it")
+    return StoreError(f"{path}: {error}")

@@ -1,0 +1,204 @@
+"""What a campaign comes to: DIR/summary.json, and the same as a table and as a live view in the terminal."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from scenarios.campaign import Event
+from scenarios.records import ENDS, AttemptRecord, EpisodeRecord, Reason
+from scenarios.statistics import cluster_interval, wilson
+from scenarios.store import Store, StoreError, record_hash
+
+FILE = "summary.json"
+
+
+def summarise(store: Store) -> dict[str, Any]:
+    """The summary of a results file, with the keys of docs/scenarios.md.
+
+    Rates count attempts, finished episodes or not; clearance and ends count finished episodes. Mean times are over
+    attempts that were carried out. `reasons` holds the no-picks too.
+    """
+    meta, records, episodes = store.meta(), store.attempts(), store.episodes()
+    moved = [a for a in records if a.moved]
+    successes = sum(a.success for a in moved)
+    per_episode: dict[int, list[int]] = {}
+    for a in moved:
+        counts = per_episode.setdefault(a.seed, [0, 0])
+        counts[0] += a.success
+        counts[1] += 1
+    rate = successes / len(moved) if moved else None
+    dropped = sum(e.parts_dropped for e in episodes)
+    cycle = _mean_cycle([a for a in moved if a.reason != Reason.SIMULATION_ERROR])
+    in_episodes = sum(1 for a in moved if a.seed in {e.seed for e in episodes})
+    return {
+        "scenario": json.loads(meta["scenario"])["name"],
+        "scenario_hash": meta["scenario_hash"],
+        "weights_hash": meta["weights_hash"],
+        "seed": meta["seed"],
+        "episodes": len(episodes),
+        "oracle": meta["oracle"],
+        "attempts": len(moved),
+        "successes": successes,
+        "success_rate": rate,
+        "wilson95": list(wilson(successes, len(moved))),
+        "cluster95": list(cluster_interval(*zip(*per_episode.values(), strict=True)) if moved else (0.0, 1.0)),
+        "clearance": sum(e.parts_picked for e in episodes) / dropped if dropped else None,
+        "no_picks": len(records) - len(moved),
+        "reasons": dict(Counter(str(a.reason) for a in records if not a.success).most_common()),
+        "ends": {end: sum(e.end == end for e in episodes) for end in ENDS},
+        "cycle_s": cycle,
+        "picks_per_hour": 3600 / cycle["total"] * rate if cycle["total"] and rate is not None else None,
+        "wall_s": meta["wall_s"],
+        "wall_per_attempt_s": sum(e.wall_s for e in episodes) / in_episodes if in_episodes else None,
+        "record_hash": record_hash(records, episodes),
+    }
+
+
+def _mean_cycle(attempts: Sequence[AttemptRecord]) -> dict[str, float | None]:
+    if not attempts:
+        return dict.fromkeys(("sensing", "compute", "robot", "total"))
+    n = len(attempts)
+    return {
+        "sensing": sum(a.sensing_s for a in attempts) / n,
+        "compute": sum(a.compute_s for a in attempts) / n,
+        "robot": sum(a.robot_s for a in attempts) / n,
+        "total": sum(a.cycle_s for a in attempts) / n,
+    }
+
+
+def write_summary(directory: Path, summary: dict[str, Any]) -> Path:
+    """Write DIR/summary.json, whole or not at all."""
+    path, partial = directory / FILE, directory / (FILE + ".partial")
+    try:
+        partial.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written ({error.strerror})") from None
+    return path
+
+
+def percent(value: float | None, digits: int = 1) -> str:
+    """A rate as text; a dash where there is none."""
+    return "-" if value is None else f"{100 * value:.{digits}f} %"
+
+
+def interval(bounds: Sequence[float]) -> str:
+    """An interval of rates as text; its ends are rounded outwards."""
+    low, high = int(bounds[0] * 1000) / 10, -int(-bounds[1] * 1000 // 1) / 10
+    return f"{low:.1f} to {min(high, 100.0):.1f} %"
+
+
+def seconds(value: float | None) -> str:
+    """A time in [s] as text; a dash where there is none."""
+    return "-" if value is None else f"{value:.2f} s"
+
+
+def print_summary(console: Console, summary: dict[str, Any]) -> None:
+    """The table at the end of a run."""
+    s = summary
+    oracle = f", oracle: {' + '.join(s['oracle'])}" if s["oracle"] else ""
+    table = Table(title=f"{s['scenario']}: {s['episodes']} episodes from seed {s['seed']}{oracle}", show_header=False)
+    table.add_column(style="bold")
+    table.add_column()
+    table.add_row(
+        "pick success", f"[bold]{percent(s['success_rate'])}[/]  {s['successes']} of {s['attempts']} attempts"
+    )
+    table.add_row("  95 %, picks of one bin correlated", interval(s["cluster95"]))
+    table.add_row("  95 %, picks independent (Wilson)", interval(s["wilson95"]))
+    table.add_row("clearance", f"{percent(s['clearance'])} of the workpieces dropped")
+    table.add_row("no-picks (arm not moved)", str(s["no_picks"]))
+    table.add_row("failures and no-picks", _counts(s["reasons"].items()))
+    table.add_row("ends of episodes", _counts(s["ends"].items()))
+    cycle = s["cycle_s"]
+    split = " + ".join(f"{name} {seconds(cycle[name])}" for name in ("sensing", "compute", "robot"))
+    table.add_row("cycle", f"{seconds(cycle['total'])} = {split}")
+    table.add_row("picks per hour", "-" if s["picks_per_hour"] is None else f"{s['picks_per_hour']:.0f}")
+    table.add_row("wall time", f"{s['wall_s']:.0f} s, {seconds(s['wall_per_attempt_s'])} an attempt and core")
+    table.add_row("record hash", s["record_hash"][:16])
+    console.print(table)
+
+
+def _counts(items: Iterable[tuple[str, int]]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in items if count) or "none"
+
+
+class LiveView:
+    """Progress of a campaign in the terminal; give `update` to the campaign. A line an episode where no terminal is.
+
+    Args:
+        total: episodes that the campaign has in all; done: records that it began with, when resumed.
+        parts: workpieces an episode drops.
+    """
+
+    def __init__(self, console: Console, total: int, parts: int, done: Sequence[AttemptRecord] = ()) -> None:
+        self._console, self._total, self._parts = console, total, parts
+        self._of_seed: dict[int, list[AttemptRecord]] = {}
+        self._ended: dict[int, EpisodeRecord] = {}
+        self._begun = time.monotonic()
+        for a in done:
+            self._of_seed.setdefault(a.seed, []).append(a)
+        self._before = len(self._of_seed)
+        self._live = Live(console=console, refresh_per_second=2, transient=True, get_renderable=self.render)
+
+    def __enter__(self) -> LiveView:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, tb: TracebackType | None) -> None:
+        if self._console.is_terminal:
+            self._live.stop()
+
+    def update(self, event: Event) -> None:
+        """Take note of an event."""
+        mine = self._of_seed.setdefault(event.seed, [])
+        if event.attempt is not None:
+            mine.append(event.attempt)
+        elif event.episode is not None:
+            e = self._ended[event.seed] = event.episode
+            tried = sum(a.moved for a in mine)
+            self._console.print(
+                f"episode {e.seed}: {e.end}, {e.parts_picked} of {e.parts_dropped} picked in {tried} attempts, "
+                f"{e.wall_s:.0f} s"
+            )
+        else:
+            mine.clear()
+            self._console.print(f"episode {event.seed}: its worker died, run again")
+
+    def render(self) -> Group:
+        """Progress, time left, rate and reasons."""
+        records = [a for mine in list(self._of_seed.values()) for a in list(mine)]
+        moved = sum(a.moved for a in records)
+        good = sum(a.success for a in records)
+        ended = self._before + len(self._ended)
+        # an episode that runs counts by the share of its workpieces that are out
+        running = sum(
+            min(0.95, sum(a.success for a in list(mine)) / self._parts)
+            for seed, mine in list(self._of_seed.items())[self._before :]
+            if seed not in self._ended
+        )
+        line = Text(f"{ended} of {self._total} episodes, {self._left(ended + running)}")
+        rate = percent(good / moved) if moved else "-"
+        rates = f"pick success {rate}  ({good} of {moved}; 95 % Wilson {interval(wilson(good, moved))})"
+        reasons = Counter(str(a.reason) for a in records if not a.success)
+        bar = ProgressBar(total=self._total, completed=ended + running, width=60)
+        return Group(bar, line, Text(rates, style="bold"), Text(f"failures and no-picks: {_counts(reasons.items())}"))
+
+    def _left(self, finished: float) -> str:
+        elapsed, share = time.monotonic() - self._begun, finished - self._before
+        if share < 0.05:
+            return f"{elapsed:.0f} s, time left not known yet"
+        left = elapsed / share * (self._total - finished)
+        return f"{elapsed:.0f} s, about {left // 60:.0f} min {left % 60:.0f} s left"

@@ -1,9 +1,9 @@
 """The physics: one headless PyBullet client, the static boxes of the cell and the workpieces in it.
 
 Settings are those under which a part held by friction alone does not creep (docs/cell.md): 1/480 s, friction anchors
-on parts and fingers, frictionERP 0.8, sleeping on, deterministic overlapping pairs. The world is always rebuilt from
-nothing: saveState/restoreState is not exact for compound shapes, and a bad body id is ignored in silence, so neither
-is used.
+on parts and fingers, frictionERP 0.8, deterministic overlapping pairs. Workpieces are rigid bodies in maximal
+coordinates: as multibodies without joints they cost eight times as much. The world is always rebuilt from nothing:
+saveState/restoreState is not exact for compound shapes, and a bad body id is ignored in silence, so neither is used.
 """
 
 from __future__ import annotations
@@ -23,6 +23,17 @@ from cell.workpiece import Workpiece
 
 GRAVITY = 9.81  # [m/s2]
 TIMESTEP = 1 / 480  # [s]
+REST_LINEAR = 0.01  # [m/s] below which a workpiece counts as at rest
+REST_ANGULAR = 0.3  # [rad/s]
+
+
+def engine_friction(mu: float) -> float:
+    """The coefficient to give a body of friction `mu`, since Bullet multiplies the two of a contact.
+
+    With the square root, the friction of a contact is the geometric mean of its bodies': two steel parts of 0.5 rub at
+    0.5, a steel part at 0.63 on pads of 0.8.
+    """
+    return float(np.sqrt(mu))
 
 
 class World:
@@ -35,7 +46,7 @@ class World:
         parts: body ids of the workpieces in the order in which they were added.
     """
 
-    def __init__(self, dt: float = TIMESTEP, solver_iterations: int = 30) -> None:
+    def __init__(self, dt: float = TIMESTEP, solver_iterations: int = 50) -> None:
         self.dt = dt
         self.client: Any = BulletClient(connection_mode=pybullet.DIRECT)
         self.client.resetSimulation()
@@ -45,14 +56,14 @@ class World:
             numSolverIterations=solver_iterations,
             numSubSteps=0,
             frictionERP=0.8,
-            solverResidualThreshold=1e-5,
+            solverResidualThreshold=1e-7,
             deterministicOverlappingPairs=1,
         )
         self.steps = 0
         self.boxes: dict[str, int] = {}
         self.parts: list[int] = []
         self._T_part_inertial: list[Array] = []
-        self._shapes: dict[str, int] = {}
+        self._names: dict[int, str] = {}
 
     @property
     def time(self) -> float:
@@ -71,8 +82,9 @@ class World:
             basePosition=box.T_world_box[:3, 3].tolist(),
             baseOrientation=to_quat_xyzw(box.T_world_box).tolist(),
         )
-        self.client.changeDynamics(body, -1, lateralFriction=friction, restitution=0.05)
-        self.boxes[box.name] = body
+        self.client.changeDynamics(body, -1, lateralFriction=engine_friction(friction), restitution=0.05)
+        self.boxes[box.name] = int(body)
+        self._names[int(body)] = box.name
         return int(body)
 
     def add_bin(self, bin: Bin, friction: float = 0.4) -> None:
@@ -82,7 +94,13 @@ class World:
 
     def remove_box(self, name: str) -> None:
         """Remove a static box by name; raises KeyError when there is none."""
-        self.client.removeBody(self.boxes.pop(name))
+        body = self.boxes.pop(name)
+        del self._names[body]
+        self.client.removeBody(body)
+
+    def name_of(self, body: int) -> str:
+        """Name of a box, or `part <index>`."""
+        return self._names.get(body, f"body {body}")
 
     def add_part(self, workpiece: Workpiece, T_world_part: Array) -> int:
         """Add a workpiece as a rigid body of collision boxes; returns its index in `parts`.
@@ -104,12 +122,17 @@ class World:
         )
         T = T_world_part @ T_part_inertial
         body = self.client.createMultiBody(
-            workpiece.mass, shape, basePosition=T[:3, 3].tolist(), baseOrientation=to_quat_xyzw(T).tolist()
+            workpiece.mass,
+            shape,
+            basePosition=T[:3, 3].tolist(),
+            baseOrientation=to_quat_xyzw(T).tolist(),
+            useMaximalCoordinates=True,
         )
         self.client.changeDynamics(
             body,
             -1,
-            lateralFriction=workpiece.friction,
+            mass=workpiece.mass,  # again: without it, setting the inertia of such a body sets its mass to zero
+            lateralFriction=engine_friction(workpiece.friction),
             spinningFriction=0.001,
             rollingFriction=0.0,
             restitution=0.05,
@@ -119,6 +142,7 @@ class World:
             angularDamping=0.04,
             activationState=pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
         )
+        self._names[int(body)] = f"part {len(self.parts)}"
         self.parts.append(int(body))
         self._T_part_inertial.append(T_part_inertial)
         return len(self.parts) - 1
@@ -166,17 +190,29 @@ class World:
         """Advance by a time, rounded to whole steps."""
         self.step(round(seconds / self.dt))
 
-    def run_until_rest(self, limit: float, linear: float = 0.01, angular: float = 0.3) -> bool:
-        """Advance until every workpiece has been slower than the given speeds for 50 ms, at most `limit` [s]."""
+    def at_rest(self) -> np.ndarray:
+        """Which workpieces (n,) are slower than REST_LINEAR and REST_ANGULAR."""
+        speeds = self.part_speeds()
+        return (speeds[:, 0] < REST_LINEAR) & (speeds[:, 1] < REST_ANGULAR)
+
+    def run_until_rest(self, limit: float) -> bool:
+        """Advance until every workpiece has been at rest for 100 ms, at most `limit` [s], and put all to sleep.
+
+        A sleeping workpiece costs next to nothing and wakes with whatever touches it; Bullet's own rule would wait 2 s.
+        """
         quiet = 0
         for _ in range(round(limit / (24 * self.dt))):
             self.step(24)
-            speeds = self.part_speeds()
-            still = len(speeds) == 0 or bool((speeds[:, 0] < linear).all() and (speeds[:, 1] < angular).all())
-            quiet = quiet + 1 if still else 0
+            quiet = quiet + 1 if self.at_rest().all() else 0
             if quiet >= 2:
+                self.sleep()
                 return True
         return False
+
+    def sleep(self) -> None:
+        """Put every workpiece to sleep where it lies."""
+        for body in self.parts:
+            self.client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
 
 
 def random_pose(centre: Sequence[float], half_span: tuple[float, float], rng: np.random.Generator) -> Array:

@@ -1,0 +1,185 @@
+"""Running a joint trajectory in the physics and watching what the arm touches.
+
+Contacts are read after every single step: a step is 2 ms, so no impact falls between two readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cell.arm import Arm
+from cell.errors import SimulationError
+from cell.frames import Array
+from cell.world import World
+
+HELD_FORCE = 0.5  # [N] of each finger on a workpiece that counts as held
+STILL = 2e-3  # [m/s] finger speed under which the jaws have stopped
+MAX_ERROR = 0.1  # [rad] tracking error under which the servo's state can be trusted
+
+
+@dataclass
+class MotionLog:
+    """What was seen while a trajectory ran.
+
+    Attributes:
+        time: simulated in [s].
+        max_error: largest tracking error of any joint in [rad].
+        max_force: largest normal force [N] of one body on the arm and the gripper's body, fingers excepted.
+        max_force_link, max_force_against: which link, and what it touched; empty when nothing was touched.
+        max_finger_force: largest normal force [N] of a static box on a finger.
+        touched: names of everything that the arm or the gripper's body touched.
+        stopped: the trajectory was cut short because `max_force` reached `stop_above`.
+    """
+
+    time: float = 0.0
+    max_error: float = 0.0
+    max_force: float = 0.0
+    max_force_link: str = ""
+    max_force_against: str = ""
+    max_finger_force: float = 0.0
+    touched: set[str] = field(default_factory=set)
+    stopped: bool = False
+
+    def __add__(self, other: MotionLog) -> MotionLog:
+        """Both motions as one."""
+        harder = self if self.max_force >= other.max_force else other
+        return MotionLog(
+            time=self.time + other.time,
+            max_error=max(self.max_error, other.max_error),
+            max_force=harder.max_force,
+            max_force_link=harder.max_force_link,
+            max_force_against=harder.max_force_against,
+            max_finger_force=max(self.max_finger_force, other.max_finger_force),
+            touched=self.touched | other.touched,
+            stopped=self.stopped or other.stopped,
+        )
+
+
+@dataclass(frozen=True)
+class JawState:
+    """The jaws at rest.
+
+    Attributes:
+        opening: distance between the pads in [m].
+        forces: normal force on the left and the right finger in [N].
+        parts: indices of the workpieces that both fingers press on.
+        log: what was touched meanwhile.
+    """
+
+    opening: float
+    forces: tuple[float, float]
+    parts: tuple[int, ...]
+    log: MotionLog
+
+
+def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -> MotionLog:
+    """Follow joint angles q (n, dof) [rad], one row per time step of the world.
+
+    Args:
+        stop_above: contact force [N] of the arm or the gripper's body at which the motion ends, as a controller's
+            collision guard would do; None to push through.
+
+    Raises:
+        SimulationError: a target is not finite, or the arm does not follow.
+    """
+    log = MotionLog()
+    for row in np.atleast_2d(q):
+        arm.command(row)
+        world.step()
+        error = float(np.abs(arm.q - row).max())
+        log.max_error = max(log.max_error, error)
+        _watch(world, arm, log)
+        if stop_above is not None and log.max_force > stop_above:
+            log.stopped = True
+            break
+        if not error < MAX_ERROR:
+            raise SimulationError(f"the arm is {error:.3g} rad away from its target")
+    if log.stopped:
+        arm.command(arm.q)
+    return log
+
+
+def close_jaws(world: World, arm: Arm, timeout: float = 1.0, settle: float = 0.05) -> JawState:
+    """Close with the gripper's force until the fingers have stood still for `settle` [s], at most `timeout` [s]."""
+    arm.drive_jaws(-arm.gripper.speed)
+    log = _until_still(world, arm, timeout, settle)
+    return JawState(arm.opening, finger_forces(world, arm), held_parts(world, arm), log)
+
+
+def open_jaws(
+    world: World, arm: Arm, opening: float | None = None, timeout: float = 1.0, settle: float = 0.02
+) -> JawState:
+    """Open the pads to `opening` [m] apart (all the way by default) and wait until the fingers stand still."""
+    arm.hold_jaws(arm.gripper.max_opening if opening is None else opening)
+    log = _until_still(world, arm, timeout, settle)
+    return JawState(arm.opening, finger_forces(world, arm), held_parts(world, arm), log)
+
+
+def wait(world: World, arm: Arm, seconds: float) -> MotionLog:
+    """Let time pass with the arm and the jaws as commanded last."""
+    log = MotionLog()
+    for _ in range(round(seconds / world.dt)):
+        world.step()
+        _watch(world, arm, log)
+    return log
+
+
+def finger_forces(world: World, arm: Arm) -> tuple[float, float]:
+    """Force in [N] that presses the left and the right pad outwards."""
+    axis = arm.tool_pose()[:3, 0]
+    left, right = (sum(f @ axis for f in _on_finger(world, arm, link).values()) for link in arm.finger_links)
+    return max(-float(left), 0.0), max(float(right), 0.0)
+
+
+def held_parts(world: World, arm: Arm) -> tuple[int, ...]:
+    """Indices of the workpieces on which both fingers press with at least HELD_FORCE, in order."""
+    axis = arm.tool_pose()[:3, 0]
+    left, right = (_on_finger(world, arm, link) for link in arm.finger_links)
+    held = {body for body, force in left.items() if -(force @ axis) > HELD_FORCE}
+    held &= {body for body, force in right.items() if force @ axis > HELD_FORCE}
+    return tuple(i for i, body in enumerate(world.parts) if body in held)
+
+
+def _until_still(world: World, arm: Arm, timeout: float, settle: float) -> MotionLog:
+    log, still = MotionLog(), 0.0
+    while log.time < timeout and still < settle:
+        world.step()
+        log.time += world.dt
+        _watch(world, arm, log, counted=False)
+        slow = max(abs(v) for v in arm.finger_speeds) < STILL
+        still = still + world.dt if slow and log.time > 0.03 else 0.0
+    return log
+
+
+def _watch(world: World, arm: Arm, log: MotionLog, counted: bool = True) -> None:
+    """Add the contacts of the last step to the log."""
+    if counted:
+        log.time += world.dt
+    contacts = world.client.getContactPoints(bodyA=arm.body)
+    if not contacts:
+        return
+    fingers, static = arm.finger_links, world.boxes.values()
+    sums: dict[tuple[int, int], float] = {}
+    for c in contacts:
+        if c[8] <= 0:  # Bullet also lists pairs that are near but do not touch
+            key = (c[3], c[2])
+            sums[key] = sums.get(key, 0.0) + c[9]
+    for (link, body), force in sums.items():
+        if link in fingers:
+            if body in static:
+                log.max_finger_force = max(log.max_finger_force, force)
+            continue
+        name = world.name_of(body)
+        log.touched.add(name)
+        if force >= log.max_force:
+            log.max_force, log.max_force_link, log.max_force_against = force, arm.link_names[link], name
+
+
+def _on_finger(world: World, arm: Arm, link: int) -> dict[int, Array]:
+    """Normal force (3,) [N] in world axes of each body on a finger."""
+    out: dict[int, Array] = {}
+    for c in world.client.getContactPoints(bodyA=arm.body, linkIndexA=link):
+        out[c[2]] = out.get(c[2], np.zeros(3)) + c[9] * np.asarray(c[7])
+    return out

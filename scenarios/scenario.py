@@ -21,7 +21,7 @@ from cell.config import Config, parse, read_yaml
 from cell.errors import InputError
 from cell.frames import Array
 from cell.sensor import SensorConfig
-from cell.workpiece import list_workpieces
+from cell.workpiece import list_workpieces, search_path
 
 SHIPPED = Path(__file__).resolve().parent
 Triple = tuple[float, float, float]
@@ -192,6 +192,18 @@ def scenario_hash(scenario: Scenario) -> str:
     data = json.loads(scenario_json(scenario))
     del data["seed"]
     return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def weights_hash(workpiece: str) -> str:
+    """SHA-256 of the weights beside a workpiece (its .safetensors files in order of name); empty without any."""
+    folders = [root / workpiece for root in search_path() if (root / workpiece / "workpiece.yaml").is_file()]
+    files = sorted(folders[0].glob("*.safetensors")) if folders else []
+    if not files:
+        return ""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _find(name_or_path: str) -> Path:

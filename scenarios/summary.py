@@ -6,6 +6,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from math import ceil, floor
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -96,7 +97,7 @@ def percent(value: float | None, digits: int = 1) -> str:
 
 def interval(bounds: Sequence[float]) -> str:
     """An interval of rates as text; its ends are rounded outwards."""
-    low, high = int(bounds[0] * 1000) / 10, -int(-bounds[1] * 1000 // 1) / 10
+    low, high = floor(bounds[0] * 1000) / 10, ceil(bounds[1] * 1000) / 10
     return f"{low:.1f} to {min(high, 100.0):.1f} %"
 
 

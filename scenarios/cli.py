@@ -1,0 +1,216 @@
+"""The command line. Exit codes: 0 done, 1 a gate said no, 2 bad input, 3 undecided, 130 interrupted.
+
+What a command needs is imported when it runs: `pickproof --help` must not wait for torch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from cell.errors import InputError, PickproofError
+
+ORACLES = ("perception",)
+MAX_SEED = 2**31 - 1
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors as one line, like every other error of the program."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"pickproof: error: {message} (see {self.prog} --help)\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        args = _parser(words).parse_args(words)
+        command: Callable[[argparse.Namespace], int] = args.command
+        args.words = words
+        return command(args)
+    except SystemExit as leaving:  # argparse: help and errors
+        return int(leaving.code or 0)
+    except PickproofError as error:
+        print(f"pickproof: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("pickproof: interrupted", file=sys.stderr)
+        return 130
+
+
+def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    parser = _Parser(prog="pickproof", description="Proves a pick rate before the cell exists.")
+    parser.add_argument("--version", action="version", version=_version())
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    run = commands.add_parser("run", help="run episodes of a scenario and write DIR/results.sqlite and summary.json")
+    run.add_argument("scenario", metavar="SCENARIO", help="a name that `pickproof list` shows, or a YAML file")
+    run.add_argument("--episodes", type=_integer(1, 1_000_000), default=10, metavar="N", help="bin fills (default 10)")
+    run.add_argument("--seed", type=_integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
+    run.add_argument("--workers", type=_integer(1, 256), default=1, metavar="K", help="processes (default 1)")
+    run.add_argument(
+        "--oracle", choices=ORACLES, action="append", default=[], help="replace this stage by ground truth"
+    )
+    run.add_argument("--out", type=Path, metavar="DIR", help="default: out/SCENARIO-SEED")
+    run.add_argument("--resume", action="store_true", help="continue the campaign in --out")
+    run.add_argument(
+        "--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field, as camera.width=1280"
+    )
+    run.add_argument("--no-pictures", action="store_true", help="keep no pictures of attempts")
+    run.add_argument("--json", action="store_true", help="print the summary as JSON; progress goes to stderr")
+    run.set_defaults(command=_run)
+
+    report = commands.add_parser("report", help="write DIR/report.html from the results in DIR")
+    report.add_argument("directory", type=Path, metavar="DIR")
+    report.set_defaults(command=_report)
+
+    train = commands.add_parser("train", help="train the network for a workpiece")
+    evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
+    if "train" in words[:1]:
+        from perception.train import add_arguments as add_train_arguments
+
+        add_train_arguments(train)
+    if "evaluate" in words[:1]:
+        from perception.evaluate import add_arguments as add_evaluate_arguments
+
+        add_evaluate_arguments(evaluate)
+    train.set_defaults(command=_train)
+    evaluate.set_defaults(command=_evaluate)
+
+    listing = commands.add_parser("list", help="list scenarios and workpieces")
+    listing.set_defaults(command=_list)
+    return parser
+
+
+def _run(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from scenarios.campaign import run_campaign
+    from scenarios.episode import run_episode
+    from scenarios.scenario import load_scenario, weights_hash
+    from scenarios.store import Store
+    from scenarios.summary import FILE, LiveView, print_summary, summarise, write_summary
+
+    scenario = load_scenario(args.scenario, args.set)
+    seed = scenario.seed if args.seed is None else args.seed
+    if seed + args.episodes - 1 > MAX_SEED:
+        raise InputError("command line", "--seed", seed, f"at most {MAX_SEED} for the last episode")
+    if args.resume and args.out is None:
+        raise InputError("command line", "--resume", "no --out", "--out DIR with the results to continue")
+    out = args.out or _free(Path("out") / f"{scenario.name}-{seed}")
+    oracle = frozenset(args.oracle)
+    console = Console(stderr=args.json)
+    done = []
+    if args.resume:
+        with Store.read(out) as store:
+            ended = {e.seed for e in store.episodes()}
+            done = [a for a in store.attempts() if a.seed in ended]
+    if not args.json:
+        console.print(f"{scenario.name}: {args.episodes} episodes of {scenario.count} workpieces, results in {out}")
+    try:
+        with LiveView(console, args.episodes, scenario.count, done) as view:
+            run_campaign(
+                scenario.model_copy(update={"seed": seed}),
+                episodes=args.episodes,
+                seed=seed,
+                workers=args.workers,
+                oracle=oracle,
+                out=out,
+                runner=run_episode,
+                weights_hash="" if "perception" in oracle else weights_hash(scenario.workpiece),
+                command=f"pickproof {shlex.join(args.words)}",
+                resume=args.resume,
+                pictures=not args.no_pictures,
+                on_event=view.update,
+            )
+    except KeyboardInterrupt:
+        with Store.read(out) as store:
+            kept = len(store.attempts())
+        print(
+            f"pickproof: interrupted; {kept} attempts are kept in {out}, --resume --out {out} continues",
+            file=sys.stderr,
+        )
+        return 130
+    with Store.read(out) as store:
+        summary = summarise(store)
+    write_summary(out, summary)
+    if args.json:
+        print(json.dumps(summary, indent=2))
+    else:
+        print_summary(console, summary)
+        console.print(f"wrote {out / FILE}; a page with pictures: pickproof report {out}")
+    return 0
+
+
+def _report(args: argparse.Namespace) -> int:
+    from scenarios.report import write_report
+
+    print(f"wrote {write_report(args.directory)}")
+    return 0
+
+
+def _train(args: argparse.Namespace) -> int:
+    from perception.train import main_train
+
+    return main_train(args)
+
+
+def _evaluate(args: argparse.Namespace) -> int:
+    from perception.evaluate import main_evaluate
+
+    return main_evaluate(args)
+
+
+def _list(args: argparse.Namespace) -> int:
+    from cell.workpiece import list_workpieces
+    from scenarios.scenario import list_scenarios, load_scenario
+
+    print("scenarios")
+    for name in list_scenarios():
+        scenario = load_scenario(name)
+        print(f"  {name:20} {scenario.count} x {scenario.workpiece}, {scenario.robot} with {scenario.gripper}")
+    print("workpieces")
+    for name in list_workpieces():
+        print(f"  {name}")
+    return 0
+
+
+def _free(directory: Path) -> Path:
+    """`directory`, or the first of directory-2, directory-3, ... that does not exist."""
+    candidate, n = directory, 1
+    while candidate.exists():
+        n += 1
+        candidate = directory.with_name(f"{directory.name}-{n}")
+    return candidate
+
+
+def _integer(low: int, high: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is not valid; expected an integer from {low} to {high}")
+        return value
+
+    return parse
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return f"pickproof {version('pickproof')}"
+    except PackageNotFoundError:
+        return "pickproof (not installed)"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""How well poses agree with a depth image, point by point; the common measure of scoring and verification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perception.shape_model import ShapeModel
+from perception.surface_map import SurfaceMap
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Visible CAD points of h poses against what was measured at their pixels; all (h, p).
+
+    Attributes:
+        distance: signed distance of the measured point to the CAD (positive outside), in units.
+        facing: cosine between measured normal and CAD normal there; 0 where the normal is unknown.
+        gap: nearest depth around the pixel minus depth of the CAD point: positive where the camera saw through the
+            part; 0 where nothing was measured.
+        in_front: depth of the CAD point minus measured depth: positive where something hides the part.
+        measured: a surface was measured at the pixel; known_normal: and its normal.
+        facing_camera: the CAD point faces the camera.
+        points: (h, p, 3) the measured points in the CAD frame.
+    """
+
+    distance: Tensor
+    facing: Tensor
+    gap: Tensor
+    in_front: Tensor
+    measured: Tensor
+    known_normal: Tensor
+    facing_camera: Tensor
+    points: Tensor
+
+
+def compare(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, count: int, halo: bool = False) -> Agreement:
+    """Compare the first `count` visible points of poses R (h, 3, 3), t (h, 3); `halo` takes the band around them."""
+    view = shape.view_of(R, t)
+    source = shape.halo if halo else shape.visible
+    Rt = R.transpose(1, 2)
+    drawn = torch.baddbmm(t[:, None], source[:, :count].index_select(0, view), Rt)
+    pixels, inside = scene.pixels_of(drawn)
+    rows = scene.at(pixels)
+    z, normal, nearest = rows[..., 2], rows[..., 3:6], rows[..., 6]
+    measured = inside & (z > 0)
+    points = torch.bmm(rows[..., :3] - t[:, None], R)
+    distance, gradient = shape.field.look_up(points)
+    facing = (torch.bmm(normal, R) * gradient).sum(-1)
+    model_normal = torch.bmm(shape.visible_normals[:, :count].index_select(0, view), Rt)
+    cos_view = -(model_normal * drawn).sum(-1)
+    return Agreement(
+        distance=distance,
+        facing=facing,
+        gap=torch.where(inside & (nearest > 0), nearest - drawn[..., 2], 0.0),
+        in_front=torch.where(measured, drawn[..., 2] - z, 0.0),
+        measured=measured,
+        known_normal=measured & (normal[..., 2] != 0),
+        facing_camera=cos_view > 0.1 * drawn[..., 2],
+        points=points,
+    )
+
+
+def soft_score(
+    R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, count: int, tolerance: float, chunk: int = 512
+) -> Tensor:
+    """Score (h,) of poses at a coarse tolerance in units, for ranking: agreement less half of what was seen through."""
+    scores = []
+    for first in range(0, len(R), chunk):
+        part = slice(first, first + chunk)
+        a = compare(R[part], t[part], scene, shape, count)
+        near = (1.0 - (a.distance / tolerance).square()).clamp_(min=0.0)
+        agree = near * torch.where(a.known_normal, a.facing.clamp(min=0.0), 0.5) * a.measured
+        seen_through = ((a.gap - tolerance) / tolerance).clamp_(0.0, 1.0)
+        scores.append((agree - 0.7 * seen_through).mean(1))
+    return torch.cat(scores) if scores else torch.zeros(0)

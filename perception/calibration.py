@@ -1,0 +1,75 @@
+"""From the evidence of verification to a calibrated score: logistic regression over a few features."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from cell.errors import InputError
+
+Floats = NDArray[np.float64]
+
+FEATURES = ("violations", "wrong_normal", "log_inliers", "log_area", "occluded", "beside", "residual", "facing")
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class ScoreModel:
+    """Probability that a pose is right: expit(bias + features @ weights).
+
+    Attributes:
+        weights: one a feature, in the order of FEATURES.
+        bias: the constant.
+    """
+
+    weights: tuple[float, ...] = (-14.0, -6.0, 1.5, 0.8, -1.0, -6.0, -1.5, -4.0)
+    bias: float = 6.0
+
+    def score(self, features: Floats) -> Floats:
+        """Scores (h,) in [0, 1] of features (h, len(FEATURES))."""
+        return np.asarray(expit(features @ np.asarray(self.weights) + self.bias))
+
+    @staticmethod
+    def fit(features: Floats, right: np.ndarray, ridge: float = 1.0, iterations: int = 50) -> ScoreModel:
+        """Fit to features (n, len(FEATURES)) and labels (n,) by Newton's method on the penalised likelihood."""
+        mean, spread = features.mean(0), np.maximum(features.std(0), 1e-6)
+        X = np.column_stack([(features - mean) / spread, np.ones(len(features))])
+        y = right.astype(np.float64)
+        penalty = np.diag([ridge] * (X.shape[1] - 1) + [1e-6])
+        w = np.zeros(X.shape[1])
+        for _ in range(iterations):
+            p = expit(X @ w)
+            hessian = (X * (p * (1 - p))[:, None]).T @ X + penalty
+            step = np.linalg.solve(hessian, X.T @ (y - p) - penalty @ w)
+            w += step
+            if np.abs(step).max() < 1e-8:
+                break
+        weights = w[:-1] / spread
+        return ScoreModel(tuple(float(x) for x in weights), float(w[-1] - mean @ weights))
+
+    def save(self, path: Path) -> None:
+        """Write as JSON."""
+        data = {"schema": SCHEMA, "weights": dict(zip(FEATURES, self.weights, strict=True)), "bias": self.bias}
+        path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+    @staticmethod
+    def load(path: Path) -> ScoreModel:
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: the file is missing or not what `save` writes.
+        """
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            weights = tuple(float(data["weights"][name]) for name in FEATURES)
+            bias = float(data["bias"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(path, "weights", repr(error), f"numbers for bias and {', '.join(FEATURES)}") from None
+        if data.get("schema") != SCHEMA:
+            raise InputError(path, "schema", data.get("schema"), str(SCHEMA))
+        return ScoreModel(weights, bias)

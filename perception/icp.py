@@ -1,0 +1,99 @@
+"""Registration of many hypotheses at once: measured points against the distance field of the CAD.
+
+Scene points are drawn through the image: the precomputed points that a pose shows the camera are projected, and what
+was measured at their pixels is carried into the CAD frame, where field and gradient give distance and normal of the
+nearest surface. That is point-to-plane ICP (Chen and Medioni 1992) without a search tree, so the association costs
+one gather a point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perception.shape_model import ShapeModel
+from perception.surface_map import SurfaceMap
+
+
+@dataclass(frozen=True)
+class IcpStage:
+    """Iterations with one threshold.
+
+    Attributes:
+        threshold: distance in units beyond which a measured point does not belong; multiples of the sensor's sigma
+            where `in_sigmas`.
+        iterations: Gauss-Newton steps.
+        points: scene points a hypothesis.
+        halo: draw half of them from a band around the outline too, so that a part lying flat is pulled sideways.
+    """
+
+    threshold: float
+    iterations: int
+    points: int
+    halo: bool = False
+    in_sigmas: bool = False
+
+
+COARSE = (IcpStage(0.12, 4, 160, halo=True), IcpStage(0.06, 4, 160, halo=True))
+FINE = (IcpStage(0.05, 3, 256, halo=True), IcpStage(0.03, 3, 256, halo=True))
+LAST = (IcpStage(0.02, 2, 384, halo=True), IcpStage(6.0, 3, 384, in_sigmas=True))
+MIN_FACING = 0.4
+"""Least cosine between the measured normal and the gradient of the field."""
+
+
+def register(
+    R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stages: tuple[IcpStage, ...]
+) -> tuple[Tensor, Tensor]:
+    """Refine poses R (h, 3, 3), t (h, 3) in units; poses that see nothing stay where they are."""
+    for stage in stages:
+        threshold = max(stage.threshold * scene.sigma, 0.006) if stage.in_sigmas else stage.threshold
+        for _ in range(stage.iterations):
+            R, t = _step(R, t, scene, shape, stage, threshold)
+    return R, t
+
+
+def _step(
+    R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage: IcpStage, threshold: float
+) -> tuple[Tensor, Tensor]:
+    view = shape.view_of(R, t)
+    drawn = _draw(shape, view, stage)
+    pixels, inside = scene.pixels_of(torch.baddbmm(t[:, None], drawn, R.transpose(1, 2)))
+    rows = scene.at(pixels)
+    measured = rows[..., :3]
+    points = torch.bmm(measured - t[:, None], R)  # R^T (s - t), one row a point
+    distance, gradient = shape.field.look_up(points)
+    facing = (torch.bmm(rows[..., 3:6], R) * gradient).sum(-1)
+    # Tukey's weight: an occluder or the floor one threshold away has no say
+    weight = (1.0 - (distance / threshold).square()).clamp_(min=0.0).square_()
+    weight = weight * (inside & (measured[..., 2] > 0) & (facing > MIN_FACING))
+    # d(distance) / d(twist) in the CAD frame: a turn w and a shift v of the part move the point by -(w x y + v)
+    jacobian = torch.cat([torch.linalg.cross(points, gradient), gradient], -1)
+    weighted = jacobian * weight[..., None]
+    hessian = torch.bmm(weighted.transpose(1, 2), jacobian)
+    slope = torch.bmm(weighted.transpose(1, 2), distance[..., None])
+    damping = torch.tensor([3e-3, 3e-3, 3e-3, 1e-2, 1e-2, 1e-2]) * stage.points * 0.05 + 1e-4
+    twist = torch.linalg.solve(hessian + torch.diag(damping), slope)[..., 0]
+    limit = 2.0 * threshold
+    twist = twist * (limit / twist.abs().amax(1, keepdim=True).clamp(min=limit))
+    turn = _exp(twist[:, :3])
+    return R @ turn, t + (R @ twist[:, 3:, None])[..., 0]
+
+
+def _draw(shape: ShapeModel, view: Tensor, stage: IcpStage) -> Tensor:
+    if not stage.halo:
+        return shape.visible[:, : stage.points].index_select(0, view)
+    half = stage.points // 2
+    return torch.cat(
+        [shape.visible[:, :half].index_select(0, view), shape.halo[:, half : 2 * half].index_select(0, view)], 1
+    )
+
+
+def _exp(w: Tensor) -> Tensor:
+    """Rotations (h, 3, 3) of rotation vectors (h, 3) (Rodrigues)."""
+    angle = w.norm(dim=1).clamp(min=1e-9)
+    k = w / angle[:, None]
+    zero = torch.zeros_like(angle)
+    K = torch.stack([zero, -k[:, 2], k[:, 1], k[:, 2], zero, -k[:, 0], -k[:, 1], k[:, 0], zero], 1).reshape(-1, 3, 3)
+    return torch.eye(3) + angle.sin()[:, None, None] * K + (1 - angle.cos())[:, None, None] * (K @ K)

@@ -1,0 +1,198 @@
+"""What perception precomputes of a workpiece once: samples, moments, distance field, visible points, near symmetries.
+
+Everything here is in normalised CAD coordinates: 1 is `workpiece.unit`.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import trimesh
+from torch import Tensor
+
+from cell.frames import Array
+from cell.symmetry import Symmetry
+from cell.workpiece import Workpiece
+from perception.distance_field import DistanceField
+
+VIEWS = 192
+VISIBLE_POINTS = 384
+MAX_NEAR_SYMMETRIES = 8
+HALO = 0.12
+"""Width of the band around the outline from which scene points are drawn while a pose is still coarse."""
+
+
+@dataclass(frozen=True)
+class ShapeModel:
+    """Precomputed geometry of one workpiece.
+
+    Attributes:
+        unit: [m] of 1.
+        points, normals: (n, 3) uniform surface samples.
+        moment_root: (3, 3) C with C C^T = E[x x^T] of the v-masked surface: |R1 C - R2 C| is the root mean square
+            distance of the surface in two poses of equal position (Bregier et al. 2018, eq. 9).
+        field: signed distance.
+        symmetry: of the workpiece.
+        near_symmetries: (k, 3, 3) rotations, identity first, that map the part nearly to itself.
+        views: (w, 3) directions from the part to the camera.
+        visible, visible_normals: (w, p, 3) points seen from each view, dense as its pixels are, in random order, so
+            that any prefix is a fair sample.
+        halo: (w, p, 3) the same, scattered sideways by up to HALO.
+        seen_area: (w,) area of the part's outline in each view.
+    """
+
+    unit: float
+    points: Array
+    normals: Array
+    moment_root: Array
+    field: DistanceField
+    symmetry: Symmetry
+    near_symmetries: Array
+    views: Tensor
+    visible: Tensor
+    visible_normals: Tensor
+    halo: Tensor
+    seen_area: Tensor
+
+    @staticmethod
+    def of(workpiece: Workpiece) -> ShapeModel:
+        """The model of a workpiece; computed once a process (1 to 2 s)."""
+        return _build(_Key(workpiece))
+
+    @property
+    def elongation(self) -> float:
+        """Longest over second-longest side of the box along the principal axes."""
+        spread = np.sort(np.ptp(self.points @ principal_axes(self.points), axis=0))
+        return float(spread[2] / spread[1])
+
+    def embed(self, R: np.ndarray) -> np.ndarray:
+        """Rotations (..., 3, 3) as vectors (..., d) whose distance is a root mean square surface distance."""
+        return (R @ self.moment_root).reshape(*R.shape[:-2], -1)
+
+    def view_of(self, R: Tensor, t: Tensor) -> Tensor:
+        """Index (h,) of the precomputed view nearest to that of poses (h, 3, 3), (h, 3)."""
+        to_camera = -(R.transpose(1, 2) @ t[:, :, None])[..., 0]
+        return (to_camera @ self.views.T).argmax(1)
+
+
+class _Key:
+    """A workpiece hashed by what it looks like, so that equal parts share one model."""
+
+    def __init__(self, workpiece: Workpiece) -> None:
+        self.workpiece = workpiece
+        self.key = (workpiece.vertices.tobytes(), workpiece.faces.tobytes(), workpiece.symmetry.degrees)
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self.key == other.key
+
+
+@functools.lru_cache(maxsize=4)
+def _build(key: _Key) -> ShapeModel:
+    workpiece = key.workpiece
+    unit = workpiece.unit
+    mesh = trimesh.Trimesh(workpiece.vertices / unit, workpiece.faces, process=False)
+    points, normals = workpiece.sample_surface(2000)
+    points = points / unit
+    field = DistanceField.of(mesh)
+    views = fibonacci_sphere(VIEWS)
+    visible, visible_normals, halo, area = _visible_sets(points, normals, mesh.area, field, views)
+    return ShapeModel(
+        unit=unit,
+        points=points,
+        normals=normals,
+        moment_root=moment_root(points, workpiece.symmetry.v),
+        field=field,
+        symmetry=workpiece.symmetry,
+        near_symmetries=near_symmetries(points, field, workpiece.symmetry),
+        views=torch.from_numpy(views.astype(np.float32)),
+        visible=visible,
+        visible_normals=visible_normals,
+        halo=halo,
+        seen_area=area,
+    )
+
+
+def principal_axes(points: Array) -> Array:
+    """Columns (3, 3), a right-handed frame, of the second moment of points (n, 3)."""
+    axes = np.linalg.eigh(points.T @ points)[1]
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    return axes
+
+
+def moment_root(points: Array, v: Array) -> Array:
+    """C (3, d) with C C^T = E[(x v)(x v)^T]; only the columns that are not zero."""
+    masked = points * v
+    values, axes = np.linalg.eigh(masked.T @ masked / len(points))
+    keep = values > 1e-9
+    return axes[:, keep] * np.sqrt(values[keep])
+
+
+def near_symmetries(points: Array, field: DistanceField, symmetry: Symmetry, tolerance: float = 0.07) -> Array:
+    """Rotations of the cube, about the principal and about the CAD axes, that map the part nearly to itself.
+
+    Nearly: the mean distance to the surface stays below `tolerance`. True symmetries are left out: they are no
+    different pose.
+    """
+    scored = []
+    for axes in (np.eye(3), principal_axes(points)):
+        for permutation, signs in itertools.product(
+            itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)
+        ):
+            turn = np.eye(3)[list(permutation)] * np.asarray(signs)[:, None]
+            if np.linalg.det(turn) > 0:
+                R = axes @ turn @ axes.T
+                distance, _ = field.look_up(torch.from_numpy((points @ R.T).astype(np.float32)))
+                scored.append((float(distance.abs().mean()), R))
+    kept = [np.eye(3)]
+    masked = points * symmetry.v
+    for error, R in sorted(scored, key=lambda pair: pair[0]):
+        gaps = [np.sqrt((((masked @ (R - k @ s).T)) ** 2).sum(1).mean()) for k in kept for s in symmetry.S]
+        if error < tolerance and min(gaps) > 0.06 and len(kept) < MAX_NEAR_SYMMETRIES:
+            kept.append(R)
+    return np.stack(kept)
+
+
+def fibonacci_sphere(n: int) -> Array:
+    """n nearly even unit vectors."""
+    i = np.arange(n) + 0.5
+    z = 1 - 2 * i / n
+    angle = np.pi * (1 + 5**0.5) * i
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], -1)
+
+
+def _visible_sets(
+    points: Array, normals: Array, surface: float, field: DistanceField, views: Array
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    rng = np.random.default_rng(0)
+    reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+    start = 2.5 * field.step
+    marches = torch.arange(start, reach, 0.75 * field.step)
+    p = torch.from_numpy(points.astype(np.float32))
+    visible, facing, halo, area = [], [], [], []
+    for view in views:
+        cos = normals @ view
+        candidates = np.flatnonzero(cos > 0.02)
+        d = torch.from_numpy(view.astype(np.float32))
+        # a ray towards the camera that enters the solid is blocked by the part itself
+        along = p[candidates][:, None] + marches[None, :, None] * d
+        blocked = (field.look_up(along)[0] < -0.3 * field.step).any(1).numpy()
+        seen = candidates[~blocked]
+        weight = cos[seen]
+        pick = seen[rng.choice(len(seen), VISIBLE_POINTS, p=weight / weight.sum())]
+        side = rng.standard_normal((VISIBLE_POINTS, 3))
+        side -= (side @ view)[:, None] * view
+        side *= (HALO * np.sqrt(rng.random(VISIBLE_POINTS)) / np.linalg.norm(side, axis=1))[:, None]
+        visible.append(points[pick])
+        facing.append(normals[pick])
+        halo.append(points[pick] + side)
+        area.append(weight.sum() * surface / len(points))
+    stack = [torch.from_numpy(np.stack(x).astype(np.float32)) for x in (visible, facing, halo)]
+    return stack[0], stack[1], stack[2], torch.tensor(area, dtype=torch.float32)

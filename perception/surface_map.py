@@ -1,0 +1,101 @@
+"""A depth image as an organised, normalised surface: position, normal and nearest depth of every pixel.
+
+Normals come from a plane fit in inverse depth, which is linear in pixel coordinates over a plane, so a 5 x 5 window
+gives the exact normal of a flat surface with a few separable filters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from cell.camera import DepthFrame, Intrinsics
+
+WINDOW = 2
+"""Half width of the window of the plane fit in [pixel]."""
+
+
+@dataclass(frozen=True)
+class SurfaceMap:
+    """What was measured, in camera coordinates where 1 is `unit` [m].
+
+    Attributes:
+        table: (h * w, 8) per pixel: point x, y, z (z = 0 where nothing was measured or outside the region of
+            interest), normal towards the camera x, y, z (zero where it could not be fitted), nearest depth in the
+            3 x 3 neighbourhood whether of interest or not (0 where nothing was measured), and a spare 0.
+        intrinsics: the pinhole model.
+        sigma: standard deviation of a measured depth.
+    """
+
+    table: Tensor
+    intrinsics: Intrinsics
+    sigma: float
+
+    @staticmethod
+    def of(frame: DepthFrame, unit: float, sigma: float, roi: np.ndarray | None = None) -> SurfaceMap:
+        """Map of a frame; `roi` (h, w) bool limits where workpieces may be; `sigma` in [m]."""
+        K = frame.intrinsics
+        z = np.nan_to_num(frame.depth / np.float32(unit), nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
+        z = np.maximum(z, 0.0)
+        rays = K.rays().astype(np.float32)
+        table = np.zeros((K.height, K.width, 8), dtype=np.float32)
+        of_interest = z if roi is None else np.where(roi, z, np.float32(0.0))
+        table[..., :3] = rays * of_interest[..., None]
+        table[..., 3:6] = _normals(of_interest, rays, K)
+        far = np.float32(1e6)
+        nearest = cv2.erode(np.where(z > 0, z, far), np.ones((3, 3), np.uint8))
+        table[..., 6] = np.where(nearest < far, nearest, 0.0)
+        return SurfaceMap(torch.from_numpy(table.reshape(-1, 8)), K, sigma / unit)
+
+    def pixels_of(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Flat pixel index (...) of camera points (..., 3), and whether they fall into the image."""
+        K = self.intrinsics
+        z = points[..., 2].clamp(min=1e-3)
+        u = (points[..., 0] / z).mul_(K.fx).add_(K.cx).round_()
+        v = (points[..., 1] / z).mul_(K.fy).add_(K.cy).round_()
+        inside = (u >= 0) & (u <= K.width - 1) & (v >= 0) & (v <= K.height - 1)
+        flat = v.clamp_(0, K.height - 1).mul_(K.width).add_(u.clamp_(0, K.width - 1))
+        return flat.long(), inside
+
+    def at(self, pixels: Tensor) -> Tensor:
+        """Rows (..., 8) of the table."""
+        return self.table.index_select(0, pixels.reshape(-1)).reshape(*pixels.shape, 8)
+
+
+def _normals(z: np.ndarray, rays: np.ndarray, K: Intrinsics) -> np.ndarray:
+    """Unit normals (h, w, 3) towards the camera; zero where the window holds too little or is not flat."""
+    valid = z > 0
+    w = valid.astype(np.float32)
+    # a constant is subtracted so that float32 sums keep their digits
+    middle = np.float32(np.median(1.0 / z[valid])) if valid.any() else np.float32(0.0)
+    q = np.where(valid, 1.0 / np.where(valid, z, 1.0) - middle, 0.0).astype(np.float32)
+    one = np.ones(2 * WINDOW + 1, np.float32)
+    ramp = np.arange(-WINDOW, WINDOW + 1, dtype=np.float32)
+
+    def total(image: np.ndarray, along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
+        return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, along_u, along_v, borderType=cv2.BORDER_CONSTANT))
+
+    n, nu, nv = total(w, one, one), total(w, ramp, one), total(w, one, ramp)
+    nuu, nvv, nuv = total(w, ramp**2, one), total(w, one, ramp**2), total(w, ramp, ramp)
+    s, su, sv, ss = total(q, one, one), total(q, ramp, one), total(q, one, ramp), total(q * q, one, one)
+    count = np.maximum(n, 1.0)
+    a, b, c = nuu - nu * nu / count, nuv - nu * nv / count, nvv - nv * nv / count
+    e, f, total_variance = su - nu * s / count, sv - nv * s / count, ss - s * s / count
+    determinant = a * c - b * b
+    fitted = valid & (n >= 8) & (determinant > 1.0)
+    safe = np.where(fitted, determinant, 1.0)
+    gu, gv = (c * e - b * f) / safe, (a * f - b * e) / safe
+    # of the plane n . ray = d / z: the part along u, v is the slope of inverse depth in ray coordinates
+    nx, ny = gu * np.float32(K.fx), gv * np.float32(K.fy)
+    centre = q + middle
+    nz = centre - nx * rays[..., 0] - ny * rays[..., 1]
+    normal = -np.stack([nx, ny, nz], -1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    # departure from the plane, as depth: dz = z^2 dq
+    rms = np.sqrt(np.maximum(total_variance - gu * e - gv * f, 0.0) / count) * z * z
+    pixel = z / np.float32(K.fx)
+    return np.where((fitted & (rms < 2.0 * pixel))[..., None], normal, np.float32(0.0))

@@ -1,0 +1,167 @@
+"""Verification: does the depth image confirm a pose, and which of several claims on the same surface is right?
+
+The camera saw every pixel through free space, so a pose that puts material where the camera looked through is
+refuted; one whose surface was measured where it should be is confirmed; one behind an occluder is neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import Field
+from torch import Tensor
+
+from cell.config import Config
+from perception.agreement import compare
+from perception.calibration import FEATURES
+from perception.shape_model import ShapeModel
+from perception.surface_map import SurfaceMap
+
+Floats = NDArray[np.float64]
+
+
+class VerifyConfig(Config):
+    """Thresholds of verification; lengths in units of the workpiece's longest side."""
+
+    tolerance: float = Field(0.005, ge=0, description="added to the sensor's share of the inlier distance")
+    sigmas: float = Field(4.0, ge=0, description="the sensor's share, in standard deviations")
+    min_ratio: float = Field(0.80, ge=0, le=1, description="least inliers / (inliers + violations)")
+    min_visible: float = Field(0.15, ge=0, le=1, description="least confirmed share of the surface facing the camera")
+    min_score: float = Field(0.5, ge=0, le=1, description="least calibrated score")
+    points: int = Field(384, ge=32, description="CAD points compared")
+    max_shared: float = Field(0.35, ge=0, le=1, description="most of its surface owned by better poses")
+    max_overlap: float = Field(0.08, ge=0, le=1, description="most of its surface deep inside a better pose")
+    overlap_depth: float = Field(0.04, gt=0, description="what deep means")
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the depth image says of h poses; all (h,).
+
+    Attributes:
+        inliers: points measured on the surface; violations: points where the camera saw through the part;
+            occluded: hidden by something nearer; wrong_normal: measured on the surface but turned otherwise.
+            As shares of the points that face the camera.
+        ratio: inliers / (inliers + violations + wrong_normal).
+        beside: share of the band around the outline where a surface continues just off the part.
+        residual: root mean square distance of the inliers, in units.
+        facing: mean cosine of the normals of inliers.
+        area: of the inliers in the image, relative to the largest outline of the part.
+    """
+
+    inliers: Floats
+    violations: Floats
+    occluded: Floats
+    wrong_normal: Floats
+    ratio: Floats
+    beside: Floats
+    residual: Floats
+    facing: Floats
+    area: Floats
+
+    def features(self, tolerance: float) -> Floats:
+        """Inputs (h, len(FEATURES)) of the calibration, in the order of FEATURES."""
+        columns = {
+            "violations": self.violations / np.maximum(self.inliers + self.violations, 1e-6),
+            "wrong_normal": self.wrong_normal / np.maximum(self.inliers + self.wrong_normal, 1e-6),
+            "log_inliers": np.log(np.maximum(self.inliers, 1e-3)),
+            "log_area": np.log(np.maximum(self.area, 1e-3)),
+            "occluded": self.occluded,
+            "beside": self.beside,
+            "residual": self.residual / tolerance,
+            "facing": 1.0 - self.facing,
+        }
+        return np.stack([columns[name] for name in FEATURES], -1)
+
+    def quality(self) -> Floats:
+        """Rank (h,) among rival poses of one place: confirmed less refuted area."""
+        return self.area * (1.0 - 3.0 * self.violations - 1.0 * self.wrong_normal - 0.5 * self.beside)
+
+
+def inlier_tolerance(scene: SurfaceMap, config: VerifyConfig) -> float:
+    """Distance in units within which a measured point lies on the CAD."""
+    return config.sigmas * scene.sigma + config.tolerance
+
+
+def examine(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig) -> Evidence:
+    """Compare poses R (h, 3, 3), t (h, 3) with the depth image."""
+    tolerance = inlier_tolerance(scene, config)
+    a = compare(R, t, scene, shape, config.points)
+    claimed = a.facing_camera.sum(1).clamp(min=1).double()
+    on = a.measured & (a.distance.abs() < tolerance) & a.facing_camera
+    turned = on & a.known_normal & (a.facing < 0.5)
+    inlier = on & ~turned
+    through = a.facing_camera & ~on & (a.gap > tolerance)
+    hidden = a.facing_camera & ~on & (a.in_front > tolerance)
+    band = compare(R, t, scene, shape, config.points // 2, halo=True)
+    beside = band.measured & (band.distance > 2 * tolerance) & (band.distance < 0.05) & (band.in_front.abs() < 0.05)
+
+    def share(mask: Tensor) -> Floats:
+        return np.asarray((mask.sum(1) / claimed).numpy())
+
+    n_in = inlier.sum(1).double()
+    known = inlier & a.known_normal
+    square = torch.where(inlier, a.distance.square(), 0.0).double().sum(1) / n_in.clamp(min=1)
+    cosine = torch.where(known, a.facing, 0.0).double().sum(1) / known.sum(1).clamp(min=1)
+    view_area = shape.seen_area[shape.view_of(R, t)].double() / shape.seen_area.max()
+    against = through.sum(1).double() + turned.sum(1).double()
+    return Evidence(
+        inliers=share(inlier),
+        violations=share(through),
+        occluded=share(hidden),
+        wrong_normal=share(turned),
+        ratio=np.asarray((n_in / (n_in + against).clamp(min=1)).numpy()),
+        beside=np.asarray(beside.double().mean(1).numpy()),
+        residual=np.asarray(square.sqrt().numpy()),
+        facing=np.asarray(cosine.numpy()),
+        area=np.asarray((n_in / claimed * view_area).numpy()),
+    )
+
+
+def claims(
+    R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig, count: int = 160
+) -> tuple[Floats, Floats]:
+    """Rival claims: shared (h, h) and overlap (h, h) of poses R (h, 3, 3), t (h, 3).
+
+    shared[a, b]: share of the surface that confirms a and lies on b too. overlap[a, b]: share of the surface of a
+    that is deeper than `overlap_depth` inside b.
+    """
+    h = len(R)
+    shared, overlap = np.zeros((h, h)), np.zeros((h, h))
+    tolerance = inlier_tolerance(scene, config)
+    reach = 2 * float(np.linalg.norm(shape.points, axis=1).max())
+    near = torch.cdist(t, t, compute_mode="donot_use_mm_for_euclid_dist") < reach
+    near.fill_diagonal_(False)
+    a, b = torch.nonzero(near, as_tuple=True)
+    if len(a) == 0:
+        return shared, overlap
+    seen = compare(R, t, scene, shape, count)
+    confirms = seen.measured & (seen.distance.abs() < tolerance)
+    # of frame a into frame b
+    R_ba = torch.bmm(R[b].transpose(1, 2), R[a])
+    t_ba = torch.bmm(R[b].transpose(1, 2), (t[a] - t[b])[:, :, None]).transpose(1, 2)
+    in_b = torch.bmm(seen.points[a], R_ba.transpose(1, 2)) + t_ba
+    both = confirms[a] & (shape.field.look_up(in_b)[0].abs() < 1.5 * tolerance)
+    shared[a, b] = (both.sum(1) / confirms[a].sum(1).clamp(min=1)).numpy()
+    stride = max(1, len(shape.points) // count)
+    surface = torch.from_numpy(shape.points[::stride].astype(np.float32))
+    in_b = surface[None] @ R_ba.transpose(1, 2) + t_ba
+    deep = shape.field.look_up(in_b)[0] < -config.overlap_depth
+    overlap[a, b] = deep.double().mean(1).numpy()
+    return shared, overlap
+
+
+def suppress(order: np.ndarray, shared: Floats, overlap: Floats, config: VerifyConfig) -> list[int]:
+    """Go through poses from the best down; keep those that neither claim owned surface nor enter a kept one."""
+    kept: list[int] = []
+    for i in order:
+        if kept:
+            owned = shared[i, kept].sum()
+            collides = max(overlap[i, kept].max(), overlap[kept, i].max())
+            if owned > config.max_shared or collides > config.max_overlap:
+                continue
+        kept.append(int(i))
+    return kept

@@ -7,6 +7,7 @@ the robot's base frame. Fixed bodies (the arm's base among them) are never check
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -84,6 +85,15 @@ class CollisionScene:
         """Let the held part go."""
         self._held = ()
 
+    @contextmanager
+    def empty_handed(self) -> Iterator[None]:
+        """Without the held part for a while."""
+        held, self._held = self._held, ()
+        try:
+            yield
+        finally:
+            self._held = held
+
     def free(self, q: Array, mode: Mode = "transit") -> bool:
         """Whether nothing touches at q (6,) in [rad]."""
         return self._checker(mode).free(q)
@@ -159,7 +169,9 @@ class _Checker:
         if scene._ground is not None:
             shape, T_world_ground = scene._ground
             ground = self._add_shape("pile", 0, T_world_ground, shape)
-            touching = {t for t in tool if self.names[t].startswith("finger")} | set(part) if mode == "contact" else set()
+            touching = (
+                {t for t in tool if self.names[t].startswith("finger")} | set(part) if mode == "contact" else set()
+            )
             pairs += [(m, ground) for m in moving if m not in touching]
         for a, b in pairs:
             self.geometry.addCollisionPair(pin.CollisionPair(a, b))

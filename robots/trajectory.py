@@ -1,0 +1,192 @@
+"""Joint trajectories sampled at a fixed rate: joint moves, straight tool lines, and lines entered in flight.
+
+Every motion keeps the arm's velocity, acceleration and jerk limits. `scale` in (0, 1] slows a motion down in time without
+changing its path: velocities go with it, accelerations with its square, jerks with its cube.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from cell.frames import Array, make_transform
+from robots.inverse import SIGMA_MIN, branch, inverse
+from robots.model import RobotModel, forward
+from robots.timing import JointPath, joint_segment, path_segment, sample
+
+DT = 1.0 / 480.0  # [s], the step of the physics
+LINE_SAMPLES = 33
+MAX_LINE_STEP = 0.5  # [rad] a joint may turn between two samples of a line before it counts as a flip
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Joint positions q (n, 6) in [rad] and velocities qd (n, 6) in [rad/s] every `dt` [s], the first at time 0."""
+
+    name: str
+    q: Array
+    qd: Array
+    dt: float
+
+    def __post_init__(self) -> None:
+        self.q.flags.writeable = self.qd.flags.writeable = False
+
+    @property
+    def duration(self) -> float:
+        """In [s]."""
+        return (len(self.q) - 1) * self.dt
+
+
+def joint_move(
+    model: RobotModel, q0: ArrayLike, q1: ArrayLike, scale: float = 1.0, dt: float = DT, name: str = "joint_move"
+) -> Trajectory:
+    """Straight in joint space from rest at q0 (6,) to rest at q1 (6,) in [rad].
+
+    Raises:
+        ValueError: a start or end that is not finite, or outside the joint limits.
+    """
+    q0, q1 = np.asarray(q0, dtype=np.float64), np.asarray(q1, dtype=np.float64)
+    if not model.within_limits(np.stack([q0, q1])).all():
+        raise ValueError(f"{name}: start or end outside the joint limits of {model.name}")
+    segment = joint_segment(model, q0, q1, scale)
+    if segment is None:
+        raise ValueError(f"{name}: no time law from rest to rest, scale {scale}")
+    return Trajectory(name, *sample([segment], dt, q1), dt)
+
+
+def joint_path(
+    model: RobotModel, waypoints: ArrayLike, scale: float = 1.0, dt: float = DT, name: str = "joint_path"
+) -> Trajectory:
+    """Straight in joint space from waypoint to waypoint (n >= 2, 6) in [rad], at rest at each."""
+    q = np.asarray(waypoints, dtype=np.float64)
+    moves = [joint_move(model, a, b, scale, dt, name) for a, b in zip(q[:-1], q[1:], strict=True)]
+    return concatenate(name, moves)
+
+
+def tool_line(
+    model: RobotModel, T0: Array, T1: Array, q0: Array, sigma_min: float = SIGMA_MIN, samples: int = LINE_SAMPLES
+) -> JointPath | str:
+    """The joint path of a straight flange line from T0 to T1 (4, 4), in the branch of q0 (6,), or why there is none.
+
+    The rotation turns about one axis at a constant rate (slerp). The tool's own line is straight only where both ends
+    have the same rotation, as in every line of a pick.
+    """
+    s = np.linspace(0.0, 1.0, samples)
+    turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([T0[:3, :3], T1[:3, :3]])))
+    Ts = make_transform(turn(s).as_matrix(), T0[:3, 3] + s[:, None] * (T1[:3, 3] - T0[:3, 3]))
+    slot = int(branch(model, q0))
+    found = inverse(model, Ts, q0)
+    if not found.exists[:, slot].all():
+        return "out of reach"
+    if (found.sigma[:, slot] < sigma_min).any():
+        return "singularity margin"
+    q = np.unwrap(np.concatenate([q0[None], found.q[:, slot]]), axis=0)[1:]
+    if np.abs(q[0] - q0).max() > 1e-6:
+        raise ValueError("q0 is not a solution of T0")
+    outside = ((q < model.lower) | (q > model.upper)).any(axis=0)
+    if outside.any():
+        return f"joint limit of J{int(np.argmax(outside)) + 1}"
+    if np.abs(np.diff(q, axis=0)).max() > MAX_LINE_STEP:
+        return "singularity margin"
+    q[0] = q0
+    return JointPath(CubicSpline(s, q, axis=0))
+
+
+def linear_move(
+    model: RobotModel,
+    T0: Array,
+    T1: Array,
+    q0: Array,
+    scale: float = 1.0,
+    dt: float = DT,
+    name: str = "linear_move",
+) -> Trajectory | None:
+    """Straight flange line from rest at T0 (4, 4) to rest at T1; None where `tool_line` says why there is none."""
+    path = tool_line(model, T0, T1, q0)
+    return None if isinstance(path, str) else follow(model, path, scale, dt, name)
+
+
+def follow(model: RobotModel, path: JointPath, scale: float = 1.0, dt: float = DT, name: str = "follow") -> Trajectory:
+    """Along a joint path from rest to rest."""
+    segment = path_segment(model, path, scale)
+    if segment is None:
+        raise ValueError(f"{name}: no time law from rest to rest, scale {scale}")
+    return Trajectory(name, *sample([segment], dt, path.end), dt)
+
+
+def join_line(
+    model: RobotModel,
+    q0: Array,
+    path: JointPath,
+    fraction: float,
+    scale: float = 1.0,
+    dt: float = DT,
+    name: str = "join_line",
+) -> tuple[Trajectory, int] | None:
+    """From rest at q0 (6,) into a joint path without a stop, to rest at its end.
+
+    Position, velocity and acceleration match at the junction, which is passed at `fraction` of the path's top speed. The
+    first part swings off the straight joint line, so the caller checks it for collisions.
+
+    Returns:
+        the trajectory and its first sample on the path; None where limits forbid it.
+    """
+    line = path_segment(model, path, scale, fraction)
+    if line is None:
+        return None
+    velocity = path.spline(0.0, 1) * line.start_speed
+    acceleration = path.spline(0.0, 2) * line.start_speed**2
+    entry = joint_segment(model, q0, path.start, scale, velocity, acceleration)
+    if entry is None:
+        return None
+    trajectory = Trajectory(name, *sample([entry, line], dt, path.end), dt)
+    if not model.within_limits(trajectory.q).all():
+        return None
+    return trajectory, int(np.ceil(entry.duration / dt))
+
+
+def concatenate(name: str, trajectories: Sequence[Trajectory]) -> Trajectory:
+    """One after the other; each starts at rest where the one before ended at rest."""
+    for a, b in zip(trajectories[:-1], trajectories[1:], strict=True):
+        gap = np.abs(a.q[-1] - b.q[0]).max()
+        speed = max(np.abs(a.qd[-1]).max(), np.abs(b.qd[0]).max())
+        if a.dt != b.dt or gap > 1e-6 or speed > 1e-6:
+            raise ValueError(f"{b.name} does not start where {a.name} ends, at rest and at the same rate")
+    first, rest = trajectories[0], trajectories[1:]
+    q = np.concatenate([first.q, *(t.q[1:] for t in rest)])
+    qd = np.concatenate([first.qd, *(t.qd[1:] for t in rest)])
+    return Trajectory(name, q, qd, first.dt)
+
+
+def reverse(trajectory: Trajectory, name: str) -> Trajectory:
+    """The same motion backwards in time."""
+    return Trajectory(name, trajectory.q[::-1].copy(), -trajectory.qd[::-1], trajectory.dt)
+
+
+def tool_acceleration(model: RobotModel, trajectory: Trajectory, T_flange_tool: Array) -> float:
+    """Largest acceleration of the TCP in [m/s2], by second differences about 8 ms apart."""
+    stride = max(1, round(0.008 / trajectory.dt))
+    points = (forward(model, trajectory.q[::stride]) @ T_flange_tool)[:, :3, 3]
+    if len(points) < 3:
+        return 0.0
+    acceleration = np.diff(points, 2, axis=0) / (stride * trajectory.dt) ** 2
+    return float(np.linalg.norm(acceleration, axis=1).max())
+
+
+def gentle(
+    make: Callable[[float], Trajectory], model: RobotModel, T_flange_tool: Array, limit: float, scale: float = 1.0
+) -> Trajectory:
+    """`make(scale)`, slowed down until the TCP's acceleration is at most `limit` [m/s2] (it goes with scale squared)."""
+    trajectory = make(scale)
+    for _ in range(4):
+        peak = tool_acceleration(model, trajectory, T_flange_tool)
+        if peak <= limit:
+            break
+        scale *= 0.995 * float(np.sqrt(limit / peak))
+        trajectory = make(scale)
+    return trajectory

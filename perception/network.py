@@ -138,15 +138,19 @@ def relative_geometry(centre: PackedLevel, other: PackedLevel, index: Tensor, sc
 
 
 class Mlp(nn.Module):
-    """Linear, BatchNorm over points, ReLU, Linear."""
+    """Linear, BatchNorm over points, ReLU, Linear.
 
-    def __init__(self, inside: int, hidden: int, out: int) -> None:
+    `norm=False` leaves BatchNorm out: inside the attention, over points times neighbours, it took a third of a step.
+    """
+
+    def __init__(self, inside: int, hidden: int, out: int, norm: bool = True) -> None:
         super().__init__()
-        self.first, self.norm, self.second = nn.Linear(inside, hidden), nn.BatchNorm1d(hidden), nn.Linear(hidden, out)
+        self.first, self.second = nn.Linear(inside, hidden), nn.Linear(hidden, out)
+        self.norm = nn.BatchNorm1d(hidden) if norm else None
 
     def forward(self, x: Tensor) -> Tensor:
-        y = self.norm(self.first(x.flatten(0, -2)))
-        return self.second(torch.relu(y)).view(*x.shape[:-1], -1)
+        y = self.first(x)
+        return self.second(torch.relu(self.norm(y) if self.norm is not None else y))
 
 
 class SetAbstraction(nn.Module):
@@ -175,8 +179,8 @@ class PointTransformerBlock(nn.Module):
         self.before = nn.Linear(c, c)
         self.before_norm = nn.BatchNorm1d(c)
         self.q, self.k, self.v = nn.Linear(c, c), nn.Linear(c, c), nn.Linear(c, c)
-        self.position = Mlp(geometry, c // 2, c)
-        self.weights = Mlp(c, c // 4, c // 4)
+        self.position = Mlp(geometry, c // 2, c, norm=False)
+        self.weights = Mlp(c, c // 4, c // 4, norm=False)
         self.norm, self.after, self.after_norm = nn.BatchNorm1d(c), nn.Linear(c, c), nn.BatchNorm1d(c)
 
     def forward(self, x: Tensor, geometry: Tensor, index: Tensor) -> Tensor:
@@ -216,7 +220,7 @@ class Ps6d(nn.Module):
         self.set1 = SetAbstraction(0, 7 if config.local_frames else 6, c1)
         self.set2, self.set3 = SetAbstraction(c1, g, c2), SetAbstraction(c2, g, c3)
         self.block1, self.block2, self.block3 = (PointTransformerBlock(c, g) for c in (c1, c2, c3))
-        self.block2b, self.block3b = PointTransformerBlock(c2, g), PointTransformerBlock(c3, g)
+        self.block3b = PointTransformerBlock(c3, g)
         self.up2, self.up1 = FeaturePropagation(c3, c2, g, c2 + 32), FeaturePropagation(c2 + 32, c1, g, f)
         self.view = nn.Linear(3, f)
         self.shared = Mlp(f, f, f)
@@ -230,8 +234,7 @@ class Ps6d(nn.Module):
         x1 = self.set1(None, self._input_geometry(cloud, one), one.down)
         x1 = self.block1(x1, relative_geometry(one, one, one.block, r1, local), one.block)
         x2 = self.set2(x1, relative_geometry(two, one, two.down, r1, local), two.down)
-        g2 = relative_geometry(two, two, two.block, r2, local)
-        x2 = self.block2b(self.block2(x2, g2, two.block), g2, two.block)
+        x2 = self.block2(x2, relative_geometry(two, two, two.block, r2, local), two.block)
         x3 = self.set3(x2, relative_geometry(three, two, three.down, r2, local), three.down)
         g3 = relative_geometry(three, three, three.block, r3, local)
         x3 = self.block3b(self.block3(x3, g3, three.block), g3, three.block)

@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 from cell.frames import Array
 from perception.cloud import Cloud
 
-VOXELS = (0.022, 0.055, 0.11, 0.22)
+VOXELS = (0.03, 0.09, 0.19, 0.4)
 """[unit] edge of the voxels of level 0 (input) to 3; level 1 holds the voting points."""
-K_SET = 24
+K_SET = 16
 """Neighbours in a set abstraction."""
 K_BLOCK = 16
 """Neighbours in a Point Transformer block."""
@@ -94,7 +94,7 @@ def normals_of(points: Array, neighbour: np.ndarray, view: Array) -> Array:
     """Unit normals (n, 3) by PCA of the neighbours (n, k), turned to the camera."""
     local = points[neighbour]
     local = local - local.mean(axis=1, keepdims=True)
-    covariance = np.einsum("nki,nkj->nij", local, local)
+    covariance = np.swapaxes(local, 1, 2) @ local
     normals = np.linalg.eigh(covariance)[1][:, :, 0]
     return normals * np.where((normals * view).sum(1) < 0, -1.0, 1.0)[:, None]
 
@@ -109,10 +109,10 @@ def local_frames(points: Array, normals: Array, queries: np.ndarray, tree: cKDTr
     weight = np.maximum(FRAME_RADIUS - distance, 0.0)
     offset = points[index] - points[queries][:, None]
     z = normals[queries]
-    offset = offset - np.einsum("nki,ni->nk", offset, z)[..., None] * z[:, None]
+    offset = offset - (offset @ z[..., None]) * z[:, None]
     mean = (weight[..., None] * offset).sum(1) / np.maximum(weight.sum(1), 1e-12)[:, None]
     centred = offset - mean[:, None]
-    covariance = np.einsum("nk,nki,nkj->nij", weight, centred, centred)
+    covariance = np.swapaxes(weight[..., None] * centred, 1, 2) @ centred
     x = np.linalg.eigh(covariance)[1][:, :, 2]
     x = x - (x * z).sum(1)[:, None] * z
     length = np.linalg.norm(x, axis=1, keepdims=True)
@@ -120,7 +120,7 @@ def local_frames(points: Array, normals: Array, queries: np.ndarray, tree: cKDTr
     spare = np.cross(z, helper)
     x = np.where(length > 1e-6, x, spare)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
-    third = (weight * np.einsum("nki,ni->nk", offset, x) ** 3).sum(1)
+    third = (weight * (offset @ x[..., None])[..., 0] ** 3).sum(1)
     x *= np.where(third < 0, -1.0, 1.0)[:, None]
     return np.stack([x, np.cross(z, x), z], axis=2)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from cell.bin import Bin, Box, table
 from cell.camera import Intrinsics, Render, look_at, render
-from cell.errors import InputError
+from cell.errors import InputError, SimulationError
 from cell.frames import Array, about_axis
 from cell.sensor import SensorConfig
 from cell.settle import fill_bin
@@ -46,16 +46,20 @@ def heap_boxes(workpiece: Workpiece) -> list[Box]:
 
 def settle_heap(workpiece: Workpiece, seed: int) -> Array:
     """Ts_world_part (n, 4, 4) of one settled heap; a random count in the workpiece's range."""
-    rng = np.random.default_rng(seed)
-    count = int(rng.integers(workpiece.heap.count[0], workpiece.heap.count[1] + 1))
-    world = World()
-    try:
-        for box in heap_boxes(workpiece):
-            world.add_box(box)
-        heap = fill_bin(world, workpiece, heap_bin(workpiece), count, rng)
-    finally:
-        world.close()
-    return heap.Ts_world_part[heap.inside]
+    for attempt in range(5):  # now and then a part keeps rocking; such a heap is thrown away
+        rng = np.random.default_rng((seed, attempt))
+        count = int(rng.integers(workpiece.heap.count[0], workpiece.heap.count[1] + 1))
+        world = World()
+        try:
+            for box in heap_boxes(workpiece):
+                world.add_box(box)
+            heap = fill_bin(world, workpiece, heap_bin(workpiece), count, rng)
+            return heap.Ts_world_part[heap.inside]
+        except SimulationError:
+            continue
+        finally:
+            world.close()
+    raise SimulationError(f"no heap of {workpiece.name} with seed {seed} came to rest in 5 tries")
 
 
 def _settle_named(name: str, seed: int) -> Array:

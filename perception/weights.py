@@ -1,0 +1,84 @@
+"""Weight files: safetensors in fp16, with the record of how they were made, loaded strictly."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from cell.errors import InputError
+from cell.workpiece import Workpiece
+from perception.network import NetworkConfig, Ps6d
+
+WEIGHTS_SCHEMA = 1
+
+
+def weights_path(workpiece: Workpiece) -> Path:
+    """Where a workpiece's shipped weights lie."""
+    return workpiece.folder / "ps6d.safetensors"
+
+
+def file_hash(path: Path) -> str:
+    """First 16 hex digits of the file's SHA-256."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def save_weights(path: Path, network: Ps6d, workpiece: Workpiece, record: dict[str, object]) -> None:
+    """Write the weights as fp16; `record` (command, clouds seen, seed, ...) is kept in the file's metadata."""
+    tensors = {
+        key: (value.half() if value.is_floating_point() else value).contiguous().cpu()
+        for key, value in network.state_dict().items()
+    }
+    meta = {
+        "schema": str(WEIGHTS_SCHEMA),
+        "workpiece": workpiece.name,
+        "network": json.dumps(asdict(network.config)),
+        "record": json.dumps(record),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    save_file(tensors, part, metadata=meta)
+    part.replace(path)
+
+
+def load_weights(path: Path, workpiece: Workpiece) -> Ps6d:
+    """The network with its weights, in evaluation mode, on the CPU in fp32.
+
+    Raises:
+        InputError: missing, corrupt, of another workpiece, or of another architecture.
+    """
+    remedy = f"weights written by `pickproof train {workpiece.name}`"
+    if not path.is_file():
+        raise InputError(path, "", "missing file", remedy)
+    try:
+        with safe_open(path, framework="pt") as file:
+            meta = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  not a dict
+    except (SafetensorError, OSError) as error:
+        raise InputError(path, "", f"corrupt file ({error})", remedy) from None
+    if meta.get("schema") != str(WEIGHTS_SCHEMA):
+        raise InputError(path, "schema", meta.get("schema"), f"{WEIGHTS_SCHEMA}; {remedy}")
+    if meta.get("workpiece") != workpiece.name:
+        raise InputError(path, "workpiece", meta.get("workpiece"), f"{workpiece.name}; {remedy}")
+    sizes = json.loads(meta["network"])
+    sizes["channels"] = tuple(sizes["channels"])
+    network = Ps6d(NetworkConfig(**sizes))
+    try:
+        network.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in tensors.items()}, strict=True)
+    except RuntimeError as error:
+        raise InputError(path, "tensors", str(error).splitlines()[0], remedy) from None
+    if not all(torch.isfinite(v).all() for v in network.state_dict().values() if v.is_floating_point()):
+        raise InputError(path, "tensors", "values that are not finite", remedy)
+    return network.eval()
+
+
+def weights_record(path: Path) -> dict[str, object]:
+    """The record kept in a weight file."""
+    with safe_open(path, framework="pt") as file:
+        record: dict[str, object] = json.loads((file.metadata() or {}).get("record", "{}"))
+    return record

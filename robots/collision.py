@@ -1,7 +1,7 @@
 """Collision checks of arm, tool and held part against obstacles, the scanned pile, and the arm itself.
 
-Geometry is exact for boxes and cylinders (Coal) behind a broad phase (Pinocchio's dynamic AABB tree). The world frame is
-the robot's base frame. Fixed bodies (the arm's base among them) are never checked against each other.
+Geometry is exact for boxes and cylinders (Coal) behind a broad phase (Pinocchio's dynamic AABB tree). The world frame
+is the robot's base frame. Fixed bodies (the arm's base among them) are never checked against each other.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import coal
@@ -17,6 +18,7 @@ import pinocchio as pin
 
 from cell.bin import Box
 from cell.frames import Array, apply, make_transform
+from robots.inverse import flange_poses
 from robots.model import RobotModel
 
 Mode = Literal["transit", "contact"]
@@ -55,7 +57,8 @@ class CollisionScene:
         heightfield: the scanned pile above the bin, or None.
 
     Mode `transit` checks everything. Mode `contact`, for the last line to a grasp and the first line after it, ignores
-    fingers and held part against the height field, and shrinks the held part by its pose tolerance; walls and table count.
+    fingers and held part against the height field, and shrinks the held part by its pose tolerance; walls and table
+    count.
     """
 
     def __init__(
@@ -72,7 +75,7 @@ class CollisionScene:
         self._tolerance = 0.0
         self._checkers: dict[tuple[Mode, bool], _Checker] = {}
 
-    def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.003) -> None:
+    def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005) -> None:
         """Attach a part, given as boxes in the flange frame; in mode `contact` it is `tolerance` [m] smaller all round.
 
         A part at rest touches floor, walls and neighbours; the tolerance keeps an error of its estimated pose from
@@ -116,22 +119,23 @@ class CollisionScene:
     def _samples(self, qs: Array) -> Array:
         """The polyline with steps of at most MAX_JOINT_STEP and MAX_TIP_STEP; dense input is thinned."""
         qs = np.asarray(qs, dtype=np.float64).reshape(-1, 6)
-        d = np.abs(np.diff(qs, axis=0))
-        length = np.maximum(d.max(axis=1, initial=0.0) / MAX_JOINT_STEP, d @ self._lever_arms() / MAX_TIP_STEP)
+        length = np.abs(np.diff(qs, axis=0)).max(axis=1, initial=0.0) / MAX_JOINT_STEP
         s = np.concatenate([[0.0], np.cumsum(length)])
         corners = s[1:-1][(length[:-1] > 0.5) | (length[1:] > 0.5)]
         at = np.union1d(np.linspace(0.0, s[-1], int(np.ceil(s[-1])) + 1), corners)
-        keep = np.concatenate([[True], np.diff(s) > 0])
-        return np.stack([np.interp(at, s[keep], qs[keep, j]) for j in range(6)], axis=1)
+        samples = _at_length(s, qs, at)
+        # Points of a rigid body move furthest at its corners; links are too thick to slip through anything.
+        tips = apply(flange_poses(self.robot, samples), self._tool_corners())
+        travel = np.linalg.norm(np.diff(tips, axis=0), axis=-1).max(axis=1, initial=0.0)
+        if travel.max(initial=0.0) <= MAX_TIP_STEP:
+            return samples
+        more = np.ceil(travel / MAX_TIP_STEP)
+        fine = np.interp(np.arange(more.sum() + 1), np.concatenate([[0.0], np.cumsum(more)]), at)
+        return _at_length(s, qs, fine)
 
-    def _lever_arms(self) -> Array:
-        """Upper bound (6,) in [m] of the distance from each joint axis to anything it moves."""
-        o = self.robot.opw
-        corners = np.concatenate([_corners(b) for b in (*self.tool_boxes, *self._held)] or [np.zeros((1, 3))])
-        radius = float(np.linalg.norm(corners[:, :2], axis=1).max())
-        wrist = float(np.hypot(np.linalg.norm(corners[:, :2], axis=1), o.c4 + corners[:, 2]).max())
-        elbow = float(np.hypot(o.a2, o.c3)) + wrist
-        return np.array([abs(o.a1) + o.c2 + elbow, o.c2 + elbow, elbow, wrist, wrist, radius])
+    def _tool_corners(self) -> Array:
+        """Corners (n, 3) of tool and held part in the flange frame."""
+        return np.concatenate([np.zeros((1, 3)), *(_corners(b) for b in (*self.tool_boxes, *self._held))])
 
     def _checker(self, mode: Mode) -> _Checker:
         key = (mode, bool(self._held))
@@ -150,7 +154,7 @@ class _Checker:
     def __init__(self, scene: CollisionScene, held: tuple[Box, ...], mode: Mode) -> None:
         self.model = scene.robot.kinematics
         self.data = self.model.createData()
-        self.geometry = pin.buildGeomFromUrdf(self.model, str(scene.robot.urdf), pin.GeometryType.COLLISION)
+        self.geometry = _arm_geometry(scene.robot).copy()
         frames = self.model.frames
         links = [(i, int(g.parentJoint)) for i, g in enumerate(self.geometry.geometryObjects)]
         self.names = [frames[g.parentFrame].name for g in self.geometry.geometryObjects]
@@ -169,9 +173,8 @@ class _Checker:
         if scene._ground is not None:
             shape, T_world_ground = scene._ground
             ground = self._add_shape("pile", 0, T_world_ground, shape)
-            touching = (
-                {t for t in tool if self.names[t].startswith("finger")} | set(part) if mode == "contact" else set()
-            )
+            fingers = {t for t in tool if self.names[t].startswith("finger")}
+            touching = fingers | set(part) if mode == "contact" else set()
             pairs += [(m, ground) for m in moving if m not in touching]
         for a, b in pairs:
             self.geometry.addCollisionPair(pin.CollisionPair(a, b))
@@ -200,6 +203,11 @@ class _Checker:
         return int(self.geometry.addGeometryObject(pin.GeometryObject(unique, joint, placement, shape)))
 
 
+@lru_cache(maxsize=8)
+def _arm_geometry(robot: RobotModel) -> pin.GeometryModel:
+    return pin.buildGeomFromUrdf(robot.kinematics, str(robot.urdf), pin.GeometryType.COLLISION)
+
+
 def _ground(field: HeightField) -> tuple[coal.CollisionGeometry, pin.SE3]:
     """Coal's height field is centred at its origin and its row 0 is at +y; ours starts at y0."""
     ny, nx = field.heights.shape
@@ -212,6 +220,12 @@ def _ground(field: HeightField) -> tuple[coal.CollisionGeometry, pin.SE3]:
 def _corners(box: Box) -> Array:
     signs = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64) - 0.5
     return apply(make_transform(box.T_world_box[:3, :3], box.T_world_box[:3, 3]), signs * np.array(box.size))
+
+
+def _at_length(s: Array, qs: Array, at: Array) -> Array:
+    """Points of the polyline qs (n, 6) with lengths s (n,) at lengths `at`."""
+    keep = np.concatenate([[True], np.diff(s) > 0])
+    return np.stack([np.interp(at, s[keep], qs[keep, j]) for j in range(6)], axis=1)
 
 
 def _coarse_to_fine(n: int) -> Iterator[int]:

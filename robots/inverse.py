@@ -55,6 +55,11 @@ def inverse(model: RobotModel, Ts_base_flange: Array, q_near: ArrayLike | None =
     return Branches(q, valid, exists, np.nan_to_num(found.sigma_min))
 
 
+def flange_poses(model: RobotModel, q: Array) -> Array:
+    """T_base_flange (n, 4, 4) at q (n, 6) in [rad], as `model.forward` but by the closed form: faster for many."""
+    return np.asarray(_solver(model.opw).batch_forward(q).as_matrix())
+
+
 def branch(model: RobotModel, q: ArrayLike) -> np.ndarray:
     """Branch number (...) of joint vectors q (..., 6) in [rad], the slot in which `inverse` returns them."""
     o = model.opw

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -10,21 +11,19 @@ from scipy.interpolate import CubicSpline
 from cell.frames import Array
 from robots.collision import CollisionScene, Contact
 from robots.search import Method, connect_quickly, search
-from robots.timing import JointPath
+from robots.timing import JointPath, Motion
 from robots.trajectory import (
     Trajectory,
     concatenate,
-    follow,
-    gentle,
-    join_line,
-    joint_move,
-    joint_path,
-    tool_acceleration,
+    flying_motion,
+    gentle_scale,
+    move_motion,
+    path_motion,
 )
 
 Joined = tuple[Trajectory, Method]
 
-FLY_BY = (1.0, 0.75, 0.5, 0.25)  # speeds tried at the junction, as fractions of the line's own top speed
+FLY_BY = (1.0, 0.6, 0.3)  # speeds tried at the junction, as fractions of the line's own top speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +64,7 @@ def enter_line(
 
 def run(scene: CollisionScene, line: JointPath, pace: Pace, name: str) -> Trajectory:
     """Along a line from rest to rest."""
-
-    def make(scale: float) -> Trajectory:
-        return follow(scene.robot, line, scale, pace.dt, name)
-
-    if pace.acceleration is None:
-        return make(pace.speed)
-    return gentle(make, scene.robot, pace.T_flange_tool, pace.acceleration, pace.speed)
+    return _sampled(scene, path_motion(scene.robot, line), pace, name)
 
 
 def describe(contact: Contact | None) -> str:
@@ -82,54 +75,41 @@ def describe(contact: Contact | None) -> str:
 def _fly(scene: CollisionScene, q0: Array, line: JointPath, pace: Pace, name: str) -> Trajectory | None:
     """The quickest free trajectory through the junction without a stop, if it beats stopping there."""
     robot = scene.robot
-    stop = joint_move(robot, q0, line.start, pace.speed, pace.dt)
-    options = [(_slow(scene, stop, pace) + _slow(scene, follow(robot, line, pace.speed, pace.dt), pace), 0.0, stop, 0)]
-    for fraction in FLY_BY:
-        joined = join_line(robot, q0, line, fraction, pace.speed, pace.dt, name)
-        if joined is not None:
-            options.append((_slow(scene, joined[0], pace), fraction, *joined))
-    for _, fraction, trajectory, junction in sorted(options, key=lambda o: o[:2]):
-        if fraction == 0.0:
+    stop = _duration(scene, move_motion(robot, q0, line.start), pace) + _duration(scene, path_motion(robot, line), pace)
+    flying = [m for f in FLY_BY if (m := flying_motion(robot, q0, line, f)) is not None]
+    for duration, motion in sorted(((_duration(scene, m, pace), m) for m in flying), key=lambda o: o[0]):
+        if duration >= stop:
             return None
-        if not scene.free_path(trajectory.q[: junction + 1]):
-            continue
-        if pace.acceleration is None:
-            return trajectory
-
-        def make(scale: float, fraction: float = fraction) -> Trajectory:
-            joined = join_line(robot, q0, line, fraction, scale, pace.dt, name)
-            assert joined is not None  # slower in time, the same path
-            return joined[0]
-
-        return gentle(make, robot, pace.T_flange_tool, pace.acceleration, pace.speed)
+        entry = Motion(motion.segments[:1], line.start).sampled(pace.dt)[0]
+        if robot.within_limits(entry).all() and scene.free_path(entry):
+            return _sampled(scene, motion, pace, name)
     return None
 
 
 def _along(scene: CollisionScene, waypoints: Array, pace: Pace, name: str) -> Trajectory:
     """Through waypoints: on a smooth curve where it is free and quicker, else straight with a stop at each."""
-
-    def stopping(scale: float) -> Trajectory:
-        return joint_path(scene.robot, waypoints, scale, pace.dt, name)
-
-    def smooth(scale: float) -> Trajectory:
-        return follow(scene.robot, curve, scale, pace.dt, name)
-
-    make = stopping
+    robot = scene.robot
+    stops = [move_motion(robot, a, b) for a, b in pairwise(waypoints)]
     if len(waypoints) > 2:
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
         curve = JointPath(CubicSpline(s / s[-1], waypoints, axis=0))
-        q = curve.spline(np.linspace(0.0, 1.0, 100))
-        quicker = smooth(pace.speed).duration < stopping(pace.speed).duration
-        if quicker and scene.robot.within_limits(q).all() and scene.free_path(q):
-            make = smooth
-    if pace.acceleration is None:
-        return make(pace.speed)
-    return gentle(make, scene.robot, pace.T_flange_tool, pace.acceleration, pace.speed)
+        smooth = path_motion(robot, curve)
+        q = curve.spline(np.linspace(0.0, 1.0, 200))
+        quicker = _duration(scene, smooth, pace) < sum(_duration(scene, m, pace) for m in stops)
+        if quicker and robot.within_limits(q).all() and scene.free_path(q):
+            return _sampled(scene, smooth, pace, name)
+    return concatenate(name, [_sampled(scene, m, pace, name) for m in stops])
 
 
-def _slow(scene: CollisionScene, trajectory: Trajectory, pace: Pace) -> float:
-    """Duration in [s] after it is slowed down to the acceleration limit."""
+def _scale(scene: CollisionScene, motion: Motion, pace: Pace) -> float:
     if pace.acceleration is None:
-        return trajectory.duration
-    peak = tool_acceleration(scene.robot, trajectory, pace.T_flange_tool)
-    return trajectory.duration * max(1.0, float(np.sqrt(peak / pace.acceleration)))
+        return pace.speed
+    return min(pace.speed, gentle_scale(scene.robot, motion, pace.T_flange_tool, pace.acceleration))
+
+
+def _duration(scene: CollisionScene, motion: Motion, pace: Pace) -> float:
+    return motion.duration / _scale(scene, motion, pace)
+
+
+def _sampled(scene: CollisionScene, motion: Motion, pace: Pace, name: str) -> Trajectory:
+    return Trajectory(name, *motion.sampled(pace.dt, _scale(scene, motion, pace)), pace.dt)

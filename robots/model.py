@@ -20,7 +20,7 @@ Six = tuple[float, float, float, float, float, float]
 
 
 class OpwConfig(Config):
-    """Lengths [m], offsets [deg] and axis flips of an ortho-parallel arm with a spherical wrist (Brandstoetter 2014)."""
+    """Lengths [m], offsets [deg] and flips of an ortho-parallel arm with a spherical wrist (Brandstoetter 2014)."""
 
     a1: float
     a2: float
@@ -57,7 +57,7 @@ class RobotModel:
         urdf: its file; collision and visual shapes are primitives.
         joints: joint names in the order of every q (6,).
         lower, upper: joint limits (6,) in [rad], from the URDF.
-        velocity, acceleration, jerk: limits (6,) in [rad/s], [rad/s2], [rad/s3]; the last two are assumed, see robot.yaml.
+        velocity, acceleration, jerk: limits (6,) in [rad/s], [rad/s2], [rad/s3]; robot.yaml assumes the last two.
         home: (6,) in [rad]; leaves the camera's view over the bin free.
         payload: in [kg]; reach: from the J1 axis to the wrist centre in [m].
         kinematics: Pinocchio's model; flange: its frame id.
@@ -140,7 +140,7 @@ def forward(model: RobotModel, q: ArrayLike) -> Array:
 
 
 def from_pendant(q_pendant: ArrayLike) -> Array:
-    """URDF angles (..., 6) of pendant angles [rad]: the controller's J3 is measured from the horizon, so it takes J2."""
+    """URDF angles (..., 6) of pendant angles [rad]: the controller measures J3 from the horizon, so J2 is added."""
     q = np.array(q_pendant, dtype=np.float64)
     q[..., 2] += q[..., 1]
     return q

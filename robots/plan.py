@@ -61,7 +61,7 @@ class PickRequest:
     place_height: float = 0.12
     speed: float = 1.0
     carry_acceleration: float = 15.0
-    held_tolerance: float = 0.003
+    held_tolerance: float = 0.005
     seed: int = 0
     dt: float = DT
 
@@ -189,7 +189,7 @@ def _plan_in_branch(
 def _place(
     scene: CollisionScene, request: PickRequest, q_lifted: Array, slot: int
 ) -> tuple[int, Joined, Joined] | _Stop:
-    """The first place pose that can be reached with the part and left without it; searches only after all quick ways."""
+    """The first place pose that can be reached with the part and left without it; quick ways first, then a search."""
     poses = request.Ts_base_tool_place @ invert(request.T_flange_tool)
     found = inverse(scene.robot, poses, q_lifted)
     rise = np.array([0.0, 0.0, request.place_height])

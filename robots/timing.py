@@ -1,9 +1,9 @@
-"""Time laws: how fast a joint move or a joint path may be run within velocity, acceleration and jerk limits (Ruckig)."""
+"""Time laws: how fast a joint move or a joint path may run within velocity, acceleration and jerk limits (Ruckig)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import ruckig
@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 from cell.frames import Array
 from robots.model import RobotModel
 
-_SPEEDS = (1.0, 0.7, 0.5, 0.35, 0.25)  # top speeds of a path tried, as fractions of the fastest joint's limit
-_SHARES = (1.0, 0.6, 0.35)  # accelerations tried, as fractions of what the top speed leaves
+_SPEEDS = (1.0, 0.6, 0.35, 0.2)  # top speeds of a path tried, as fractions of the fastest joint's limit
+_SHARES = (1.0, 0.5)  # accelerations tried, as fractions of what the top speed leaves
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,13 @@ class JointPath:
     @property
     def end(self) -> Array:
         return np.asarray(self.spline(1.0))
+
+    @cached_property
+    def peaks(self) -> tuple[Array, Array, Array]:
+        """Largest |q'|, |q''|, |q'''| (6,) along the path."""
+        s = np.linspace(0.0, 1.0, 129)
+        d1, d2, d3 = (np.abs(self.spline(s, k)).max(axis=0) for k in (1, 2, 3))
+        return np.maximum(d1, 1e-9), d2, d3
 
     def reversed(self) -> JointPath:
         """The same path from its end to its start."""
@@ -71,13 +78,32 @@ class PathSegment:
         return self.path.spline(s), self.path.spline(s, 1) * sd[:, None]
 
 
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Segments run one after the other at the arm's full speed, ending at rest at `end` (6,)."""
+
+    segments: tuple[JointSegment | PathSegment, ...]
+    end: Array
+
+    @property
+    def duration(self) -> float:
+        """At full speed, in [s]."""
+        return sum(s.duration for s in self.segments)
+
+    def sampled(self, dt: float, scale: float = 1.0) -> tuple[Array, Array]:
+        """Positions and velocities (n, 6) every `dt` [s], `scale` times as fast, the last one `end` at rest."""
+        starts = np.concatenate([[0.0], np.cumsum([s.duration for s in self.segments])])
+        step = dt * scale
+        times = np.arange(int(np.ceil(starts[-1] / step - 1e-9))) * step
+        which = np.searchsorted(starts[1:-1], times, side="right")
+        parts = [s.at(times[which == k] - starts[k]) for k, s in enumerate(self.segments)]
+        q = np.concatenate([*(p[0] for p in parts), self.end[None]])
+        qd = np.concatenate([*(p[1] * scale for p in parts), np.zeros((1, 6))])
+        return q, qd
+
+
 def joint_segment(
-    model: RobotModel,
-    q0: Array,
-    q1: Array,
-    scale: float,
-    velocity: Array | None = None,
-    acceleration: Array | None = None,
+    model: RobotModel, q0: Array, q1: Array, velocity: Array | None = None, acceleration: Array | None = None
 ) -> JointSegment | None:
     """From rest at q0 (6,) to q1 (6,): at rest and straight in joint space, or at a given velocity and acceleration.
 
@@ -85,9 +111,7 @@ def joint_segment(
     """
     x = ruckig.InputParameter(6)
     x.current_position, x.target_position = list(q0), list(q1)
-    x.max_velocity = list(model.velocity * scale)
-    x.max_acceleration = list(model.acceleration * scale**2)
-    x.max_jerk = list(model.jerk * scale**3)
+    x.max_velocity, x.max_acceleration, x.max_jerk = list(model.velocity), list(model.acceleration), list(model.jerk)
     if velocity is None or acceleration is None:
         x.synchronization = ruckig.Synchronization.Phase
     else:
@@ -96,40 +120,26 @@ def joint_segment(
     return None if profile is None else JointSegment(profile)
 
 
-def path_segment(model: RobotModel, path: JointPath, scale: float, start: float = 0.0) -> PathSegment | None:
+def path_segment(model: RobotModel, path: JointPath, start: float = 0.0) -> PathSegment | None:
     """Along a path to rest, entered at `start` times its top speed; None where it cannot stop in time.
 
     With |q'|, |q''|, |q'''| at their largest along the path, speed v, acceleration a and jerk j of s are bounded by
         |q'| v <= V,   |q'| a + |q''| v^2 <= A,   |q'| j + 3 |q''| v a + |q'''| v^3 <= J   for every joint.
     A lower top speed leaves more acceleration and jerk, so a few are tried and the quickest is kept.
     """
-    s = np.linspace(0.0, 1.0, 129)
-    d1, d2, d3 = (np.abs(path.spline(s, k)).max(axis=0) for k in (1, 2, 3))
-    d1 = np.maximum(d1, 1e-9)
-    V, A, J = model.velocity * scale, model.acceleration * scale**2, model.jerk * scale**3
-    top = float((V / d1).min())
+    d1, d2, d3 = path.peaks
+    top = float((model.velocity / d1).min())
     best: PathSegment | None = None
     for v in top * np.array(_SPEEDS):
-        most = float(((A - d2 * v**2) / d1).min())
+        most = float(((model.acceleration - d2 * v**2) / d1).min())
         for a in most * np.array(_SHARES):
-            j = float(((J - 3 * d2 * v * a - d3 * v**3) / d1).min())
+            j = float(((model.jerk - 3 * d2 * v * a - d3 * v**3) / d1).min())
             if a <= 0 or j <= 0:
                 continue
             profile = _profile_1d(v, a, j, start * v)
             if profile is not None and (best is None or profile.duration < best.duration):
                 best = PathSegment(path, profile, start * v)
     return best
-
-
-def sample(segments: Sequence[JointSegment | PathSegment], dt: float, end: Array) -> tuple[Array, Array]:
-    """Positions and velocities (n, 6) every `dt` along segments run one after the other, then `end` (6,) at rest."""
-    starts = np.concatenate([[0.0], np.cumsum([s.duration for s in segments])])
-    times = np.arange(int(np.ceil(starts[-1] / dt - 1e-9))) * dt
-    which = np.searchsorted(starts[1:-1], times, side="right")
-    parts = [s.at(times[which == k] - starts[k]) for k, s in enumerate(segments)]
-    q = np.concatenate([*(p[0] for p in parts), end[None]])
-    qd = np.concatenate([*(p[1] for p in parts), np.zeros((1, 6))])
-    return q, qd
 
 
 def _profile_1d(v: float, a: float, j: float, start: float) -> ruckig.Trajectory | None:

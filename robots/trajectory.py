@@ -1,13 +1,14 @@
 """Joint trajectories sampled at a fixed rate: joint moves, straight tool lines, and lines entered in flight.
 
-Every motion keeps the arm's velocity, acceleration and jerk limits. `scale` in (0, 1] slows a motion down in time without
-changing its path: velocities go with it, accelerations with its square, jerks with its cube.
+Every motion keeps the arm's velocity, acceleration and jerk limits. `scale` in (0, 1] slows a motion down in time and
+leaves its path as it is: velocities go with it, accelerations with its square, jerks with its cube.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from cell.frames import Array, make_transform
 from robots.inverse import SIGMA_MIN, branch, inverse
 from robots.model import RobotModel, forward
-from robots.timing import JointPath, joint_segment, path_segment, sample
+from robots.timing import JointPath, Motion, joint_segment, path_segment
 
 DT = 1.0 / 480.0  # [s], the step of the physics
 LINE_SAMPLES = 33
@@ -53,10 +54,7 @@ def joint_move(
     q0, q1 = np.asarray(q0, dtype=np.float64), np.asarray(q1, dtype=np.float64)
     if not model.within_limits(np.stack([q0, q1])).all():
         raise ValueError(f"{name}: start or end outside the joint limits of {model.name}")
-    segment = joint_segment(model, q0, q1, scale)
-    if segment is None:
-        raise ValueError(f"{name}: no time law from rest to rest, scale {scale}")
-    return Trajectory(name, *sample([segment], dt, q1), dt)
+    return Trajectory(name, *move_motion(model, q0, q1).sampled(dt, scale), dt)
 
 
 def joint_path(
@@ -64,7 +62,7 @@ def joint_path(
 ) -> Trajectory:
     """Straight in joint space from waypoint to waypoint (n >= 2, 6) in [rad], at rest at each."""
     q = np.asarray(waypoints, dtype=np.float64)
-    moves = [joint_move(model, a, b, scale, dt, name) for a, b in zip(q[:-1], q[1:], strict=True)]
+    moves = [joint_move(model, a, b, scale, dt, name) for a, b in pairwise(q)]
     return concatenate(name, moves)
 
 
@@ -113,46 +111,43 @@ def linear_move(
 
 def follow(model: RobotModel, path: JointPath, scale: float = 1.0, dt: float = DT, name: str = "follow") -> Trajectory:
     """Along a joint path from rest to rest."""
-    segment = path_segment(model, path, scale)
+    return Trajectory(name, *path_motion(model, path).sampled(dt, scale), dt)
+
+
+def move_motion(model: RobotModel, q0: Array, q1: Array) -> Motion:
+    """The motion of `joint_move`."""
+    segment = joint_segment(model, q0, q1)
     if segment is None:
-        raise ValueError(f"{name}: no time law from rest to rest, scale {scale}")
-    return Trajectory(name, *sample([segment], dt, path.end), dt)
+        raise ValueError(f"no time law from {q0} to {q1}")
+    return Motion((segment,), q1)
 
 
-def join_line(
-    model: RobotModel,
-    q0: Array,
-    path: JointPath,
-    fraction: float,
-    scale: float = 1.0,
-    dt: float = DT,
-    name: str = "join_line",
-) -> tuple[Trajectory, int] | None:
-    """From rest at q0 (6,) into a joint path without a stop, to rest at its end.
+def path_motion(model: RobotModel, path: JointPath) -> Motion:
+    """The motion of `follow`."""
+    segment = path_segment(model, path)
+    if segment is None:
+        raise ValueError("no time law along the path")
+    return Motion((segment,), path.end)
 
-    Position, velocity and acceleration match at the junction, which is passed at `fraction` of the path's top speed. The
-    first part swings off the straight joint line, so the caller checks it for collisions.
 
-    Returns:
-        the trajectory and its first sample on the path; None where limits forbid it.
+def flying_motion(model: RobotModel, q0: Array, path: JointPath, fraction: float) -> Motion | None:
+    """From rest at q0 (6,) into a joint path without a stop, to rest at its end; None where limits forbid it.
+
+    Position, velocity and acceleration match at the junction, passed at `fraction` of the path's top speed. The first
+    segment swings off the straight joint line, so the caller checks it for limits and collisions.
     """
-    line = path_segment(model, path, scale, fraction)
+    line = path_segment(model, path, fraction)
     if line is None:
         return None
     velocity = path.spline(0.0, 1) * line.start_speed
     acceleration = path.spline(0.0, 2) * line.start_speed**2
-    entry = joint_segment(model, q0, path.start, scale, velocity, acceleration)
-    if entry is None:
-        return None
-    trajectory = Trajectory(name, *sample([entry, line], dt, path.end), dt)
-    if not model.within_limits(trajectory.q).all():
-        return None
-    return trajectory, int(np.ceil(entry.duration / dt))
+    entry = joint_segment(model, q0, path.start, velocity, acceleration)
+    return None if entry is None else Motion((entry, line), path.end)
 
 
 def concatenate(name: str, trajectories: Sequence[Trajectory]) -> Trajectory:
     """One after the other; each starts at rest where the one before ended at rest."""
-    for a, b in zip(trajectories[:-1], trajectories[1:], strict=True):
+    for a, b in pairwise(trajectories):
         gap = np.abs(a.q[-1] - b.q[0]).max()
         speed = max(np.abs(a.qd[-1]).max(), np.abs(b.qd[0]).max())
         if a.dt != b.dt or gap > 1e-6 or speed > 1e-6:
@@ -168,25 +163,15 @@ def reverse(trajectory: Trajectory, name: str) -> Trajectory:
     return Trajectory(name, trajectory.q[::-1].copy(), -trajectory.qd[::-1], trajectory.dt)
 
 
-def tool_acceleration(model: RobotModel, trajectory: Trajectory, T_flange_tool: Array) -> float:
-    """Largest acceleration of the TCP in [m/s2], by second differences about 8 ms apart."""
-    stride = max(1, round(0.008 / trajectory.dt))
-    points = (forward(model, trajectory.q[::stride]) @ T_flange_tool)[:, :3, 3]
+def tool_acceleration(model: RobotModel, motion: Motion, T_flange_tool: Array, step: float = 0.008) -> float:
+    """Largest acceleration of the TCP at full speed in [m/s2], by second differences `step` [s] apart."""
+    points = (forward(model, motion.sampled(step)[0]) @ T_flange_tool)[:-1, :3, 3]
     if len(points) < 3:
         return 0.0
-    acceleration = np.diff(points, 2, axis=0) / (stride * trajectory.dt) ** 2
-    return float(np.linalg.norm(acceleration, axis=1).max())
+    return float(np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() / step**2)
 
 
-def gentle(
-    make: Callable[[float], Trajectory], model: RobotModel, T_flange_tool: Array, limit: float, scale: float = 1.0
-) -> Trajectory:
-    """`make(scale)`, slowed down until the TCP's acceleration is at most `limit` [m/s2] (it goes with scale squared)."""
-    trajectory = make(scale)
-    for _ in range(4):
-        peak = tool_acceleration(model, trajectory, T_flange_tool)
-        if peak <= limit:
-            break
-        scale *= 0.995 * float(np.sqrt(limit / peak))
-        trajectory = make(scale)
-    return trajectory
+def gentle_scale(model: RobotModel, motion: Motion, T_flange_tool: Array, limit: float) -> float:
+    """The scale in (0, 1] at which the TCP's acceleration stays below `limit` [m/s2]."""
+    peak = tool_acceleration(model, motion, T_flange_tool)
+    return 1.0 if peak <= limit else 0.98 * float(np.sqrt(limit / peak))

@@ -10,9 +10,10 @@ from cell.bin import Bin, Box
 from cell.errors import SimulationError
 from cell.frames import Array, make_transform
 from cell.workpiece import Workpiece
-from cell.world import World, random_pose
+from cell.world import GRAVITY, World, random_pose
 
 CHUTE_HEIGHT = 0.25  # [m] over the rim
+LAYERS = 3
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,9 @@ class Heap:
 def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.random.Generator) -> Heap:
     """Drop `count` workpieces into `bin` and wait until they rest.
 
-    Each falls from a height at which it cannot touch the heap below, with uniform random rotation; the chute keeps
-    bouncing parts from leaving, as the funnel of a real filling station does.
+    They fall three at a time, each through its own layer, with uniform random rotation, once the three before have
+    cleared the layers: two bodies put into one another would stay jammed. The chute keeps bouncing parts from
+    leaving, as the funnel of a real filling station does.
 
     Raises:
         SimulationError: the heap does not come to rest within 8 s of simulated time.
@@ -38,15 +40,16 @@ def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.r
     reach = float(np.linalg.norm(workpiece.extents)) / 2
     lx, ly, lz = bin.inner
     half = (max(lx / 2 - reach, 0.0), max(ly / 2 - reach, 0.0))
-    x, y, z = bin.position
     first = len(world.parts)
+    fall = float(np.sqrt(2 * (2 * LAYERS + 1) * reach / GRAVITY))  # [s] in which the highest layer falls below the lowest
     for i in range(count):
-        layer = reach * (1 + 2 * (i % 3))
-        pose = random_pose((0.0, 0.0, lz + 0.02 + layer), half, rng)
+        if i % LAYERS == 0:
+            lowest = max(lz + 0.02, _top(world, bin, first) + reach)
+        pose = random_pose((0.0, 0.0, lowest + reach * (1 + 2 * (i % LAYERS))), half, rng)
         world.add_part(workpiece, bin.T_world_bin @ pose)
-        if i % 3 == 2:  # three at a time, each falling through its own layer
-            world.run(0.15)
-    rested = world.run_until_rest(8.0)
+        if i % LAYERS == LAYERS - 1:
+            world.run(fall)
+    rested = world.run_until_rest(8.0, sleep=False)  # parts that lean on the chute are to fall, not to sleep
     for box in chute:
         world.remove_box(box.name)
     world.run(0.05)
@@ -54,6 +57,12 @@ def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.r
         raise SimulationError(f"{count} x {workpiece.name} do not come to rest in the bin")
     Ts = world.part_poses()[first:]
     return Heap(Ts, bin.contains(Ts[:, :3, 3], above=reach))
+
+
+def _top(world: World, bin: Bin, first: int) -> float:
+    """Height [m] over the bin's floor of the highest centre of the workpieces from index `first` on."""
+    heights = world.part_poses()[first:, 2, 3] - bin.position[2]
+    return float(heights.max(initial=0.0))
 
 
 def _chute(bin: Bin) -> list[Box]:

@@ -1,8 +1,8 @@
 """The physics: one headless PyBullet client, the static boxes of the cell and the workpieces in it.
 
 Settings are those under which a part held by friction alone does not creep (docs/cell.md): 1/480 s, friction anchors
-on parts and fingers, frictionERP 0.8, deterministic overlapping pairs. Workpieces are rigid bodies in maximal
-coordinates: as multibodies without joints they cost eight times as much. The world is always rebuilt from nothing:
+on parts and fingers, frictionERP 0.8, deterministic overlapping pairs. Workpieces and boxes are rigid bodies in maximal
+coordinates: as multibodies without joints they cost several times as much. The world is always rebuilt from nothing:
 saveState/restoreState is not exact for compound shapes, and a bad body id is ignored in silence, so neither is used.
 """
 
@@ -81,6 +81,7 @@ class World:
             shape,
             basePosition=box.T_world_box[:3, 3].tolist(),
             baseOrientation=to_quat_xyzw(box.T_world_box).tolist(),
+            useMaximalCoordinates=True,
         )
         self.client.changeDynamics(body, -1, lateralFriction=engine_friction(friction), restitution=0.05)
         self.boxes[box.name] = int(body)
@@ -195,8 +196,8 @@ class World:
         speeds = self.part_speeds()
         return (speeds[:, 0] < REST_LINEAR) & (speeds[:, 1] < REST_ANGULAR)
 
-    def run_until_rest(self, limit: float) -> bool:
-        """Advance until every workpiece has been at rest for 100 ms, at most `limit` [s], and put all to sleep.
+    def run_until_rest(self, limit: float, sleep: bool = True) -> bool:
+        """Advance until every workpiece has been at rest for 100 ms, at most `limit` [s]; then put all to sleep.
 
         A sleeping workpiece costs next to nothing and wakes with whatever touches it; Bullet's own rule would wait 2 s.
         """
@@ -205,7 +206,8 @@ class World:
             self.step(24)
             quiet = quiet + 1 if self.at_rest().all() else 0
             if quiet >= 2:
-                self.sleep()
+                if sleep:
+                    self.sleep()
                 return True
         return False
 

@@ -22,7 +22,6 @@ pick: $(STAMP)
 
 test: $(STAMP)
 	.venv/bin/ruff check .
-	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 	.venv/bin/python -m pytest -n 2

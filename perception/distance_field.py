@@ -47,6 +47,11 @@ class DistanceField:
         distance = torch.linalg.vecdot(gradient, flat) + row[:, 0]
         return distance.reshape(points.shape[:-1]), gradient.reshape(points.shape)
 
+    def nodes(self) -> Tensor:
+        """Positions (n, 3) of the nodes."""
+        axes = [self.origin[a] + self.step * torch.arange(self.shape[a]) for a in range(3)]
+        return torch.stack(torch.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+
     @staticmethod
     def of(mesh: trimesh.Trimesh) -> DistanceField:
         """Field of a watertight mesh in normalised units (longest side 1)."""

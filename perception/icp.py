@@ -27,6 +27,8 @@ class IcpStage:
         iterations: Gauss-Newton steps.
         points: scene points a hypothesis.
         halo: draw half of them from a band around the outline too, so that a part lying flat is pulled sideways.
+        rim: half width in units of the search for the part's edge across its outline; 0 for none.
+        by_votes: weigh points by whether the vote nearest to them predicted this part.
     """
 
     threshold: float
@@ -34,11 +36,19 @@ class IcpStage:
     points: int
     halo: bool = False
     in_sigmas: bool = False
+    by_votes: bool = False
+    rim: float = 0.0
 
 
 COARSE = (IcpStage(0.12, 4, 160, halo=True), IcpStage(0.06, 4, 160, halo=True))
 FINE = (IcpStage(0.05, 3, 256, halo=True), IcpStage(0.03, 3, 256, halo=True))
 LAST = (IcpStage(0.02, 2, 384, halo=True), IcpStage(6.0, 3, 384, in_sigmas=True))
+RIM_STEPS = 15
+RIM_GAP = 6
+RIM_DROP = 0.35
+"""Step in depth that ends a surface, in thicknesses of the part."""
+RIM_WEIGHT = 0.3
+VOTE_REACH, VOTE_FLOOR = 0.25, 0.05
 MIN_FACING = 0.4
 """Least cosine between the measured normal and the gradient of the field."""
 
@@ -68,17 +78,61 @@ def _step(
     # Tukey's weight: an occluder or the floor one threshold away has no say
     weight = (1.0 - (distance / threshold).square()).clamp_(min=0.0).square_()
     weight = weight * (inside & (measured[..., 2] > 0) & (facing > MIN_FACING))
+    if stage.by_votes:
+        weight = weight * scene.membership(rows, t, VOTE_REACH, VOTE_FLOOR)
     # d(distance) / d(twist) in the CAD frame: a turn w and a shift v of the part move the point by -(w x y + v)
     jacobian = torch.cat([torch.linalg.cross(points, gradient), gradient], -1)
     weighted = jacobian * weight[..., None]
     hessian = torch.bmm(weighted.transpose(1, 2), jacobian)
     slope = torch.bmm(weighted.transpose(1, 2), distance[..., None])
+    if stage.rim > 0:
+        hessian_rim, slope_rim = _rim_terms(R, t, scene, shape, stage)
+        hessian, slope = hessian + hessian_rim, slope + slope_rim
     damping = torch.tensor([3e-3, 3e-3, 3e-3, 1e-2, 1e-2, 1e-2]) * stage.points * 0.05 + 1e-4
     twist = torch.linalg.solve(hessian + torch.diag(damping), slope)[..., 0]
     limit = 2.0 * threshold
     twist = twist * (limit / twist.abs().amax(1, keepdim=True).clamp(min=limit))
     turn = _exp(twist[:, :3])
     return R @ turn, t + (R @ twist[:, 3:, None])[..., 0]
+
+
+def _rim_terms(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage: IcpStage) -> tuple[Tensor, Tensor]:
+    """Normal equations (h, 6, 6), (h, 6, 1) of the outline: move it to where the measured depth drops.
+
+    Point-to-plane distances leave a part that lies flat free to slide. Across each outline point the depth image is
+    read from inside outward; the edge is where the last measurement at the outline's depth is followed by one behind
+    it. Where something in front comes between, or the surface goes on, there is no edge to be seen. (Edge search along
+    normals: Harris and Stennett, RAPID, 1990.)
+    """
+    view = shape.view_of(R, t)
+    rim, outward = shape.rim.index_select(0, view), shape.rim_outward.index_select(0, view)
+    Rt = R.transpose(1, 2)
+    points, direction = torch.baddbmm(t[:, None], rim, Rt), torch.bmm(outward, Rt)
+    s = torch.linspace(-stage.rim, stage.rim, RIM_STEPS)
+    samples = points[:, :, None] + s[:, None] * direction[:, :, None]
+    pixels, inside = scene.pixels_of(samples)
+    z = scene.depth.index_select(0, pixels.reshape(-1)).reshape(pixels.shape)
+    drop = z - points[..., 2:]
+    known = inside & (z > 0)
+    step = RIM_DROP * shape.thickness
+    index = torch.arange(RIM_STEPS, dtype=torch.int32).expand(drop.shape)
+    nothing = torch.tensor(-1, dtype=torch.int32)
+    behind = known & (drop > step)
+    last_on = torch.where(known & (drop.abs() <= step), index, nothing).cummax(-1).values
+    last_front = torch.where(known & (drop < -step), index, nothing).cummax(-1).values
+    last_behind = torch.where(behind, index, nothing).cummax(-1).values
+    before = torch.cat([nothing.expand(*drop.shape[:-1], 1), last_behind[..., :-1]], -1)
+    edge = behind & (last_on >= 0) & (last_on > before) & (last_on > last_front) & (index - last_on <= RIM_GAP)
+    # shadows of the projector widen the gap: beyond one step the edge is taken to be near the last surface
+    spacing = 2.0 * stage.rim / (RIM_STEPS - 1)
+    position = s[last_on.clamp(min=0).long()] + 0.5 * spacing * (index - last_on).clamp(max=2)
+    distance, which = torch.where(edge, position.abs(), 1e3).min(-1)
+    offset = position.gather(-1, which[..., None])[..., 0]
+    weight = (1.0 - (distance / (1.2 * stage.rim)).square()).clamp_(min=0.0).square_()
+    weight = weight * (RIM_WEIGHT * stage.points / rim.shape[1])
+    jacobian = torch.cat([torch.linalg.cross(rim, outward), outward], -1)
+    weighted = jacobian * weight[..., None]
+    return torch.bmm(weighted.transpose(1, 2), jacobian), torch.bmm(weighted.transpose(1, 2), offset[..., None])
 
 
 def _draw(shape: ShapeModel, view: Tensor, stage: IcpStage) -> Tensor:

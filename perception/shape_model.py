@@ -18,9 +18,11 @@ from cell.frames import Array
 from cell.symmetry import Symmetry
 from cell.workpiece import Workpiece
 from perception.distance_field import DistanceField
+from perception.outline import outlines
 
 VIEWS = 192
 VISIBLE_POINTS = 384
+RIM_SAMPLES = 40_000
 MAX_NEAR_SYMMETRIES = 8
 HALO = 0.12
 """Width of the band around the outline from which scene points are drawn while a pose is still coarse."""
@@ -42,6 +44,9 @@ class ShapeModel:
         visible, visible_normals: (w, p, 3) points seen from each view, dense as its pixels are, in random order, so
             that any prefix is a fair sample.
         halo: (w, p, 3) the same, scattered sideways by up to HALO.
+        rim, rim_outward: (w, q, 3) points evenly along the outline in each view, holes included, and the direction across
+            it, outward and square to the view.
+        thickness: diameter of the largest ball inside the part.
         seen_area: (w,) area of the part's outline in each view.
     """
 
@@ -56,6 +61,9 @@ class ShapeModel:
     visible: Tensor
     visible_normals: Tensor
     halo: Tensor
+    rim: Tensor
+    rim_outward: Tensor
+    thickness: float
     seen_area: Tensor
 
     @staticmethod
@@ -103,6 +111,8 @@ def _build(key: _Key) -> ShapeModel:
     field = DistanceField.of(mesh)
     views = fibonacci_sphere(VIEWS)
     visible, visible_normals, halo, area = _visible_sets(points, normals, mesh.area, field, views)
+    rim, rim_outward = outlines(workpiece.sample_surface(RIM_SAMPLES)[0] / unit, views)
+    nodes = field.table[:, 0] + (field.nodes() * field.table[:, 1:]).sum(1)
     return ShapeModel(
         unit=unit,
         points=points,
@@ -115,6 +125,9 @@ def _build(key: _Key) -> ShapeModel:
         visible=visible,
         visible_normals=visible_normals,
         halo=halo,
+        rim=rim,
+        rim_outward=rim_outward,
+        thickness=2.0 * float(-nodes.min()),
         seen_area=area,
     )
 

@@ -6,7 +6,7 @@ gives the exact normal of a flat surface with a few separable filters.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -26,14 +26,19 @@ class SurfaceMap:
     Attributes:
         table: (h * w, 8) per pixel: point x, y, z (z = 0 where nothing was measured or outside the region of
             interest), normal towards the camera x, y, z (zero where it could not be fitted), nearest depth in the
-            3 x 3 neighbourhood whether of interest or not (0 where nothing was measured), and a spare 0.
+            3 x 3 neighbourhood whether of interest or not (0 where nothing was measured), and the index of the
+            voting point nearest in the image (0 before `with_centres`).
+        depth: (h * w,) z of the whole image, whether of interest or not, 0 where nothing was measured.
         intrinsics: the pinhole model.
         sigma: standard deviation of a measured depth.
+        centres: (m, 3) predicted centre of those voting points; empty before `with_centres`.
     """
 
     table: Tensor
+    depth: Tensor
     intrinsics: Intrinsics
     sigma: float
+    centres: Tensor
 
     @staticmethod
     def of(frame: DepthFrame, unit: float, sigma: float, roi: np.ndarray | None = None) -> SurfaceMap:
@@ -49,7 +54,30 @@ class SurfaceMap:
         far = np.float32(1e6)
         nearest = cv2.erode(np.where(z > 0, z, far), np.ones((3, 3), np.uint8))
         table[..., 6] = np.where(nearest < far, nearest, 0.0)
-        return SurfaceMap(torch.from_numpy(table.reshape(-1, 8)), K, sigma / unit)
+        return SurfaceMap(torch.from_numpy(table.reshape(-1, 8)), torch.from_numpy(z.reshape(-1)), K, sigma / unit, torch.zeros(0, 3))
+
+    def with_centres(self, points: np.ndarray, centres: np.ndarray) -> SurfaceMap:
+        """The map with a predicted centre at every pixel: that of the voting point (m, 3) nearest in the image."""
+        K = self.intrinsics
+        pixels, _ = self.pixels_of(torch.from_numpy(points.astype(np.float32)))
+        free = np.ones(K.height * K.width, np.uint8)
+        free[pixels.numpy()] = 0
+        _, label = cv2.distanceTransformWithLabels(
+            free.reshape(K.height, K.width), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        flat = label.reshape(-1)
+        vote_of_label = np.zeros(int(flat.max()) + 1, np.float32)
+        vote_of_label[flat[pixels.numpy()]] = np.arange(len(points), dtype=np.float32)
+        self.table[:, 7] = torch.from_numpy(vote_of_label[flat])
+        return replace(self, centres=torch.from_numpy(centres.astype(np.float32)))
+
+    def membership(self, rows: Tensor, t: Tensor, reach: float, floor: float) -> Tensor:
+        """Weight (h, p) of table rows (h, p, 8) for parts at t (h, 3): 1 where the nearest vote's centre is at t."""
+        if len(self.centres) == 0:
+            return torch.ones(rows.shape[:2])
+        centre = self.centres.index_select(0, rows[..., 7].reshape(-1).long()).reshape(*rows.shape[:2], 3)
+        square = (centre - t[:, None]).square().sum(-1) / (reach * reach)
+        return (1.5 - square).clamp_(floor, 1.0)
 
     def pixels_of(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Flat pixel index (...) of camera points (..., 3), and whether they fall into the image."""

@@ -1,0 +1,100 @@
+import pytest
+from fake_episode import run_episode
+
+from cell.errors import PickproofError
+from scenarios.campaign import run_campaign
+from scenarios.records import Reason
+from scenarios.scenario import load_scenario
+from scenarios.store import Store, record_hash
+from scenarios.summary import summarise
+
+
+def campaign(out, episodes=2, workers=1, gripper="jaw_v1", count=6, **options):
+    run_campaign(
+        load_scenario("bracket", [f"gripper='{gripper}'", f"count={count}", "stop.attempt_limit=20"]),
+        **{"episodes": episodes, "seed": 3, "workers": workers, "oracle": frozenset(), "out": out, **options},
+        runner=run_episode,
+    )
+    with Store.read(out) as store:
+        return store.attempts(), store.episodes(), summarise(store)
+
+
+def test_one_worker_or_two_or_resumed_the_same_records(tmp_path):
+    attempts, episodes, one = campaign(tmp_path / "one", episodes=4)
+    assert [e.seed for e in episodes] == [3, 4, 5, 6]
+    assert len(attempts) == sum(e.attempts for e in episodes)
+    *_, two = campaign(tmp_path / "two", episodes=4, workers=2)
+    campaign(tmp_path / "resumed", episodes=1)
+    with Store.resume(tmp_path / "resumed") as store:  # an episode that did not end
+        for a in attempts:
+            if a.seed == 4 and a.attempt < 2:
+                store.add_attempt(a)
+    seen = []
+    *_, resumed = campaign(tmp_path / "resumed", episodes=4, resume=True, on_event=seen.append)
+    assert one["record_hash"] == two["record_hash"] == resumed["record_hash"]
+    assert {event.seed for event in seen} == {4, 5, 6}
+
+
+def test_another_campaign_is_not_resumed(tmp_path):
+    campaign(tmp_path)
+    for change, name in (
+        ({"seed": 4}, "seed"),
+        ({"count": 7}, "scenario_hash"),
+        ({"oracle": frozenset({"perception"})}, "oracle"),
+        ({"weights_hash": "00"}, "weights_hash"),
+        ({"episodes": 1}, "--episodes"),
+    ):
+        with pytest.raises(PickproofError, match=name):
+            campaign(tmp_path, resume=True, **change)
+    with pytest.raises(PickproofError, match="--out"):
+        campaign(tmp_path)
+
+
+def test_a_killed_worker_costs_one_retry_and_nothing_else(tmp_path):
+    *_, healthy = campaign(tmp_path / "healthy")
+    hashes = set()
+    for workers in (1, 2):
+        # the gripper's name is part of neither attempts nor outcomes
+        marker = tmp_path / f"died-{workers}"
+        seen = []
+        *_, s = campaign(
+            tmp_path / f"run-{workers}", workers=workers, gripper=f"dies_once:{marker}", on_event=seen.append
+        )
+        assert marker.exists()
+        assert sum(e.attempt is None and e.episode is None for e in seen) >= 1
+        hashes.add(s["record_hash"])
+    assert hashes == {healthy["record_hash"]}
+
+
+def test_an_episode_that_kills_two_workers_is_a_simulation_error(tmp_path):
+    attempts, episodes, s = campaign(tmp_path, gripper="dies")
+    assert [e.end for e in episodes] == ["stopped", "stopped"]
+    assert [(a.seed, a.attempt) for a in attempts] == [(seed, i) for seed in (3, 4) for i in range(3)]
+    last = attempts[2]
+    assert last.moved and last.reason is Reason.SIMULATION_ERROR
+    assert "died" in last.tree["error"]
+    assert s["reasons"]["simulation_error"] == 2
+
+
+def test_a_worker_without_word_is_taken_for_dead(tmp_path):
+    attempts, _, _ = campaign(tmp_path, episodes=1, gripper="hangs", stall_s=4.0)
+    assert attempts[-1].reason is Reason.SIMULATION_ERROR
+    assert "no word" in attempts[-1].tree["error"]
+
+
+def test_a_broken_simulation_is_not_tried_twice(tmp_path):
+    seen = []
+    attempts, episodes, _ = campaign(tmp_path, episodes=1, gripper="broken", on_event=seen.append)
+    assert attempts[-1].tree == {"error": "a workpiece is at infinity"}
+    assert [e.attempts for e in episodes] == [3]
+    assert len(seen) == 4
+
+
+def test_bugs_and_bad_input_of_a_worker_reach_the_driver(tmp_path):
+    with pytest.raises(RuntimeError, match=r"fake_episode\.py(.|\n)*no such thing as a free lunch"):
+        campaign(tmp_path / "a", gripper="buggy")
+    with pytest.raises(PickproofError, match=r"weights\.safetensors: hash"):
+        campaign(tmp_path / "b", gripper="bad_input")
+    with Store.read(tmp_path / "b") as store:
+        assert len(store.attempts()) >= 2
+        assert record_hash(store.attempts(), []) != record_hash([], [])

@@ -1,0 +1,99 @@
+import re
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from fake_episode import fake_attempt, run_episode
+
+from scenarios.records import AttemptRecord, EpisodeRecord
+from scenarios.report import choose_shown, fill_levels, grasp_points, write_report
+from scenarios.scenario import load_scenario, scenario_hash, scenario_json
+from scenarios.store import Store, versions
+from scenarios.summary import summarise
+
+
+def meta(**changes):
+    s = load_scenario("bracket")
+    base = {"scenario": scenario_json(s), "scenario_hash": scenario_hash(s), "seed": 0, "oracle": [], "episodes": 2}
+    return base | {"weights_hash": "", "versions": versions(), "command": "pickproof run", "wall_s": 1.0} | changes
+
+
+def png(size):
+    """A grey square of about `size` bytes that does not compress."""
+    side = int(size**0.5)
+    rows = b"".join(b"\0" + np.random.default_rng(r).bytes(side) for r in range(side))
+    parts = [(b"IHDR", struct.pack(">2I5B", side, side, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(rows)), (b"IEND", b"")]
+    chunks = (struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in parts)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def attempt(i, reason="", **changes):
+    return AttemptRecord(0, i, True, reason == "", reason, 10, 1, grasp="step", pictures={"depth": png(900)}, **changes)
+
+
+def filled(out, episodes=2, **changes):
+    scenario = load_scenario("bracket")
+    with Store.create(out, meta(**changes)) as store:
+        for seed in range(episodes):
+            store.add_episode(run_episode(scenario, seed, frozenset(), store.add_attempt, True))
+    return out
+
+
+def test_page_is_whole_and_self_contained(tmp_path):
+    path = write_report(filled(tmp_path, command="pickproof run 'a <b>'"))
+    page = path.read_text()
+    with Store.read(tmp_path) as store:
+        s = summarise(store)
+    for text in (f"{100 * s['success_rate']:.1f} %", s["record_hash"], s["scenario_hash"], "&lt;b&gt;", "slipped"):
+        assert text in page
+    assert "<script" not in page
+    assert not re.search(r"(src|href)=(?!\"data:)", page)
+    assert path.stat().st_size < 6_000_000
+
+
+def test_unfinished_and_oracle_runs_say_so(tmp_path):
+    page = write_report(filled(tmp_path / "a", episodes=5, oracle=["perception"])).read_text()
+    assert "Oracle run" in page and "Not finished" not in page
+    assert "Not finished" in write_report(filled(tmp_path / "b", episodes=1)).read_text()
+
+
+@pytest.mark.parametrize("records", [[], [fake_attempt(0, 0, 5, 3, np.random.default_rng(8), False)]])
+def test_a_campaign_with_next_to_nothing_in_it(tmp_path, records):
+    with Store.create(tmp_path, meta()) as store:
+        for a in records:
+            store.add_attempt(a)
+    assert "Run it again" in write_report(tmp_path).read_text()
+    with Store.read(tmp_path) as store:
+        s = summarise(store)
+    if not records:
+        assert (s["success_rate"], s["clearance"], s["picks_per_hour"], s["wilson95"]) == (None, None, None, [0.0, 1.0])
+
+
+def test_no_attempt_moved(tmp_path):
+    with Store.create(tmp_path, meta()) as store:
+        store.add_attempt(AttemptRecord(0, 0, False, False, "no_detection", 5, 0))
+        store.add_episode(EpisodeRecord(0, 5, 0, "stuck", 1, 1.0))
+    assert "no detection" in write_report(tmp_path).read_text()
+
+
+def test_failures_are_shown_first_and_within_the_budget(tmp_path):
+    records = [attempt(i, "missed" if i % 3 == 0 else "") for i in range(30)]
+    with Store.create(tmp_path, meta()) as store:
+        for a in records:
+            store.add_attempt(a)
+        order = [x.attempt.reason for x in choose_shown(store, store.attempts())]
+        few = choose_shown(store, store.attempts(), budget=5000)
+    assert order == ["missed"] * 10 + [""] * 4
+    assert {x.attempt.success for x in few} == {True, False}
+    assert sum(len(uri) for x in few for _, uri in x.pictures) < 5000 * 4 / 3 + 200 * len(few)
+
+
+def test_shares_add_up():
+    rng = np.random.default_rng(2)
+    records = [fake_attempt(0, i, 30 - i, 4, rng, False) for i in range(30)]
+    moved = [a for a in records if a.moved]
+    for shares in (fill_levels(records), grasp_points(records)):
+        assert sum(x.n for x in shares) == len(moved)
+        assert sum(x.good for x in shares) == sum(a.success for a in moved)
+    assert fill_levels([]) == []

@@ -84,6 +84,11 @@ class CollisionScene:
         self._held, self._tolerance = tuple(boxes_flange), tolerance
         self._checkers = {key: c for key, c in self._checkers.items() if not key[1]}
 
+    @property
+    def held(self) -> tuple[Box, ...]:
+        """The held part's boxes in the flange frame."""
+        return self._held
+
     def release(self) -> None:
         """Let the held part go."""
         self._held = ()

@@ -47,6 +47,9 @@ def enter_line(
     Args:
         seed: of the search that runs where straight and via moves are blocked; None for no search.
     """
+    flying = _fly(scene, q0, line, pace, name)
+    if flying is not None:
+        return flying, "direct"
     found = connect_quickly(scene, q0, line.start)
     if found is None and seed is not None:
         path = search(scene, q0, line.start, seed)
@@ -54,10 +57,6 @@ def enter_line(
     if found is None:
         return describe(scene.path_contact(np.stack([q0, line.start])))
     waypoints, method = found
-    if method == "direct":
-        flying = _fly(scene, q0, line, pace, name)
-        if flying is not None:
-            return flying, method
     way = _along(scene, waypoints, pace, name)
     return concatenate(name, [way, run(scene, line, pace, name)]), method
 

@@ -193,7 +193,7 @@ def _place(
     poses = request.Ts_base_tool_place @ invert(request.T_flange_tool)
     found = inverse(scene.robot, poses, q_lifted)
     rise = np.array([0.0, 0.0, request.place_height])
-    stops = [_Stop(_Stage.EXISTS, "unreachable", "place: no place pose was given")]
+    stops = [_Stop(_Stage.PLACE, "unreachable", "place: no place pose was given")]
     blocked: list[tuple[int, JointPath]] = []
     for k, pose in enumerate(poses):
         stop = _standing(scene, found, k, slot, "transit")

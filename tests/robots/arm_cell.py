@@ -1,0 +1,35 @@
+"""The cell that the robot tests share: arm on a table, a source bin in front of it, a place bin beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cell.bin import Bin, Box, table
+from cell.frames import Array, about_axis, make_transform
+from robots.model import RobotModel
+from robots.plan import PickRequest
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+T_FLANGE_TOOL = make_transform(t=(0, 0, 0.16))
+TOOL = (
+    Box("palm", (0.05, 0.10, 0.09), make_transform(t=(0, 0, 0.045))),
+    Box("finger_left", (0.005, 0.010, 0.070), make_transform(t=(-0.02, 0, 0.125))),
+    Box("finger_right", (0.005, 0.010, 0.070), make_transform(t=(0.02, 0, 0.125))),
+)
+PART = (Box("part", (0.018, 0.056, 0.014), make_transform(t=(0, 0, 0.002))),)
+SOURCE = Bin("source", (0.26, 0.20, 0.08), 0.006, (0.45, 0.0, 0.01))
+PLACE = Bin("place", (0.26, 0.20, 0.08), 0.006, (0.25, -0.40, 0.01))
+CELL = (table((1.4, 1.4, 0.05), (0.2, 0, 0)), *SOURCE.boxes(), *PLACE.boxes())
+
+
+def tilted(tilt_deg: float, azimuth_deg: float, roll_deg: float) -> Array:
+    """Rotation of a tool that leans from straight down by `tilt`, towards `azimuth`."""
+    tilt, azimuth, roll = np.deg2rad([tilt_deg, azimuth_deg, roll_deg])
+    turns = [about_axis((0, 0, 1), azimuth), about_axis((1, 0, 0), np.pi - tilt), about_axis((0, 0, 1), roll - azimuth)]
+    return (turns[0] @ turns[1] @ turns[2])[:3, :3]
+
+
+def request_at(robot: RobotModel, x: float, y: float, R: Array = DOWN, z: float = 0.035) -> PickRequest:
+    """A pick at (x, y, z) with three place poses in the place bin."""
+    places = np.stack([make_transform(DOWN, (0.25 + dx, -0.40, 0.06)) for dx in (0.0, -0.07, 0.07)])
+    return PickRequest(robot.home, make_transform(R, (x, y, z)), places, T_FLANGE_TOOL, PART, robot.home)

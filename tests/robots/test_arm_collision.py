@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cell.bin import Box
+from cell.frames import Array, apply, invert, make_transform
+from robots.collision import MAX_JOINT_STEP, MAX_TIP_STEP, CollisionScene, HeightField, _coarse_to_fine
+from robots.inverse import inverse
+from robots.model import RobotModel, forward
+from tests.robots.arm_cell import CELL, DOWN, PART, T_FLANGE_TOOL, TOOL
+
+HELD = tuple(Box(b.name, b.size, T_FLANGE_TOOL @ b.T_world_box) for b in PART)
+
+
+def at(robot: RobotModel, x: float, y: float, z: float) -> Array:
+    """Joint vector of the TCP at a point, tool straight down."""
+    T = make_transform(DOWN, (x, y, z)) @ invert(T_FLANGE_TOOL)
+    return inverse(robot, T[None], robot.home).q[0, 0]
+
+
+def test_home_and_over_the_bins_is_free(robot: RobotModel, scene: CollisionScene) -> None:
+    for q in (robot.home, at(robot, 0.45, 0, 0.2), at(robot, 0.25, -0.4, 0.2)):
+        assert scene.free(q)
+        assert scene.first_contact(q) is None
+
+
+def test_ordinary_postures_do_not_touch_themselves(robot: RobotModel) -> None:
+    bare = CollisionScene(robot, TOOL, ())
+    q = np.random.default_rng(0).uniform([-2.9, -0.8, -0.6, -3.0, -2.1, -6], [2.9, 1.2, 1.2, 3.0, 2.1, 6], (300, 6))
+    contacts = [bare.first_contact(x) for x in q]
+    assert sum(c is not None for c in contacts) < 0.06 * len(q)
+    assert all("palm" in c or "finger" in c[0] for c in contacts if c)  # only the tool, folded back over the wrist
+
+
+def test_a_folded_arm_touches_itself(robot: RobotModel) -> None:
+    bare = CollisionScene(robot, TOOL, ())
+    assert not bare.free(np.array([0, 0, robot.lower[2], 0, 0, 0]))
+
+
+def test_tool_through_a_wall_is_named(robot: RobotModel, scene: CollisionScene) -> None:
+    contact = scene.first_contact(at(robot, 0.45 + 0.113, 0, 0.06))
+    assert contact is not None
+    assert contact[1] == "source_wall_x1"
+    assert scene.first_contact(at(robot, 0.2, 0.3, -0.02)) is not None
+
+
+def test_a_thin_wall_is_not_tunnelled(robot: RobotModel) -> None:
+    """The fingers alone pass a wall of 6 mm; both ends are free, the way is not."""
+    fingers = [b for b in TOOL if b.name.startswith("finger")]
+    wall = Box("thin", (0.006, 0.3, 0.04), make_transform(t=(0.45, 0, 0.14)))
+    scene = CollisionScene(robot, fingers, [wall])
+    for y in np.linspace(-0.1, 0.1, 5):
+        ends = np.stack([at(robot, 0.38, y, 0.13), at(robot, 0.52, y, 0.13)])
+        assert scene.free(ends[0])
+        assert scene.free(ends[1])
+        assert not scene.free_path(ends)
+        assert scene.path_contact(ends) in {(f.name, "thin") for f in fingers}
+
+
+def test_path_samples_are_close_and_keep_the_corners(robot: RobotModel, scene: CollisionScene) -> None:
+    way = np.random.default_rng(1).uniform(robot.lower, robot.upper, (4, 6))
+    samples = scene._samples(way)
+    assert np.abs(np.diff(samples, axis=0)).max() <= MAX_JOINT_STEP + 1e-12
+    corners = apply(forward(robot, samples), scene._tool_corners())
+    assert np.linalg.norm(np.diff(corners, axis=0), axis=-1).max() <= 1.02 * MAX_TIP_STEP
+    for corner in way:
+        assert np.abs(samples - corner).max(axis=1).min() < 0.5 * MAX_JOINT_STEP
+    assert len(scene._samples(way[:1])) == 1
+    assert len(scene._samples(np.repeat(way[:1], 3, axis=0))) == 1
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 7, 8, 9, 64, 100])
+def test_coarse_to_fine_visits_each_once(n: int) -> None:
+    assert sorted(_coarse_to_fine(n)) == list(range(n))
+
+
+def test_heightfield_is_not_mirrored(robot: RobotModel) -> None:
+    """A tall block in one corner: only the tool over that corner touches it."""
+    heights = np.full((41, 61), 0.02)
+    heights[3:10, 46:60] = 0.09  # small y, large x
+    field = HeightField(heights, 0.32, -0.10, 0.005)
+    scene = CollisionScene(robot, TOOL, (), field)
+    x0, x1, y0, y1 = 0.32 + 7 * 0.005, 0.32 + 53 * 0.005, -0.10 + 6 * 0.005, -0.10 + 34 * 0.005
+    hits = {(x, y): scene.first_contact(at(robot, x, y, 0.06)) for x in (x0, x1) for y in (y0, y1)}
+    assert hits.pop((x1, y0)) is not None
+    assert set(hits.values()) == {None}
+
+
+def test_heightfield_is_solid_and_at_its_height(robot: RobotModel) -> None:
+    field = HeightField(np.full((41, 61), 0.05), 0.32, -0.10, 0.005)
+    scene = CollisionScene(robot, TOOL, (), field)
+    assert scene.free(at(robot, 0.45, 0, 0.051))
+    assert scene.first_contact(at(robot, 0.45, 0, 0.049)) in {("finger_left", "pile"), ("finger_right", "pile")}
+
+
+def test_contact_mode_lets_fingers_and_part_into_the_pile_only(robot: RobotModel, scene: CollisionScene) -> None:
+    low = at(robot, 0.45, 0, 0.025)
+    scene.hold(HELD)
+    assert not scene.free(low, "transit")
+    assert scene.free(low, "contact")
+    assert not scene.free(at(robot, 0.45, 0, -0.005), "contact")  # the floor counts
+    assert not scene.free(at(robot, 0.45 + 0.13, 0, 0.05), "contact")  # and the walls
+    palm_deep = HeightField(np.full((100, 130), 0.12), 0.32, -0.1, 0.002)
+    contact = CollisionScene(robot, TOOL, CELL, palm_deep).first_contact(low, "contact")
+    assert contact == ("palm", "pile")
+
+
+def test_held_part_counts_until_released(robot: RobotModel, scene: CollisionScene) -> None:
+    q = at(robot, 0.45, 0.078, 0.06)  # beside the wall: the fingers fit, the 56 mm part does not
+    assert scene.free(q)
+    scene.hold(HELD)
+    assert scene.first_contact(q) == ("held", "source_wall_y1")
+    with scene.empty_handed():
+        assert scene.free(q)
+    assert not scene.free(q)
+    scene.release()
+    assert scene.free(q)
+
+
+def test_unseen_cells_are_refused() -> None:
+    with pytest.raises(ValueError, match="finite"):
+        HeightField(np.array([[0.0, np.nan], [0.0, 0.0]]), 0, 0, 0.1)

@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cell.bin import Box
+from cell.frames import Array, make_transform
+from robots.collision import CollisionScene
+from robots.inverse import FRONT, branch
+from robots.model import RobotModel, forward
+from robots.plan import PickPlan, PickRequest, PlanFailure, check_grasps, plan_pick
+from robots.search import search
+from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at, tilted
+from tests.robots.test_trajectory import assert_at_rest, assert_keeps_limits
+
+WALL = Box("wall", (0.5, 0.006, 0.45), make_transform(t=(0.4, -0.2, 0.225)))
+
+
+def tool(robot: RobotModel, q: Array) -> Array:
+    return forward(robot, q) @ T_FLANGE_TOOL
+
+
+def assert_carries_out(scene: CollisionScene, request: PickRequest, plan: PickPlan) -> None:
+    """The laws of every plan: joined up, within limits, free all along, at the poses asked for."""
+    robot = scene.robot
+    for trajectory in plan.trajectories:
+        assert_keeps_limits(robot, trajectory)
+        assert_at_rest(trajectory)
+    for a, b in pairwise(plan.trajectories):
+        np.testing.assert_allclose(a.q[-1], b.q[0], atol=1e-9)
+    np.testing.assert_allclose(plan.approach.q[0], request.q_start, atol=1e-12)
+    np.testing.assert_allclose(plan.leave.q[-1], request.q_end, atol=1e-12)
+    grasp, place = request.T_base_tool_grasp, request.Ts_base_tool_place[plan.place]
+    np.testing.assert_allclose(tool(robot, plan.approach.q[-1]), grasp, atol=1e-6)
+    np.testing.assert_allclose(tool(robot, plan.carry.q[-1]), place, atol=1e-6)
+    lifted = grasp[:3, 3] + request.retract * np.array(request.retract_direction)
+    np.testing.assert_allclose(tool(robot, plan.lift.q[-1])[:3, 3], lifted, atol=1e-6)
+    for q in (plan.approach.q[-1], plan.lift.q[-1], plan.carry.q[-1]):
+        assert int(branch(robot, q)) == plan.branch in FRONT
+
+    assert scene.path_contact(plan.approach.q, "contact") is None
+    before_line = np.linalg.norm(tool(robot, plan.approach.q)[:, :3, 3] - grasp[:3, 3], axis=1) > request.approach
+    assert scene.path_contact(plan.approach.q[before_line]) is None
+    assert scene.path_contact(plan.leave.q) is None
+    scene.hold([Box(b.name, b.size, T_FLANGE_TOOL @ b.T_world_box) for b in request.held_tool], request.held_tolerance)
+    assert scene.path_contact(plan.lift.q, "contact") is None
+    assert scene.path_contact(plan.carry.q) is None
+    scene.release()
+
+    for carried in (plan.lift, plan.carry):
+        points = tool(robot, carried.q)[:-1, :3, 3]
+        acceleration = np.linalg.norm(np.diff(points, 2, axis=0), axis=1) / carried.dt**2
+        assert acceleration.max() <= 1.05 * request.carry_acceleration
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "R"), [(0.45, 0.0, DOWN), (0.42, 0.03, tilted(20, 60, 30)), (0.47, -0.02, tilted(20, 200, 100))]
+)
+def test_a_pick_from_home_to_home(robot: RobotModel, scene: CollisionScene, x: float, y: float, R: Array) -> None:
+    request = request_at(robot, x, y, R)
+    plan = plan_pick(scene, request)
+    assert isinstance(plan, PickPlan), plan
+    assert_carries_out(scene, request, plan)
+    assert scene.held == ()
+
+
+def test_the_first_free_place_is_used(robot: RobotModel) -> None:
+    request = request_at(robot, 0.45, 0.0)
+    taken = Box("taken", (0.05, 0.08, 0.05), make_transform(t=(0.25, -0.40, 0.035)))
+    plan = plan_pick(CollisionScene(robot, TOOL, [*CELL, taken]), request)
+    assert isinstance(plan, PickPlan)
+    assert plan.place == 1
+
+
+def test_the_same_request_gives_the_same_plan(robot: RobotModel) -> None:
+    """Bit for bit, also when a search is needed, and whatever ran before."""
+    request = request_at(robot, 0.45, 0.0)
+    plans = []
+    for k in range(2):
+        scene = CollisionScene(robot, TOOL, [*CELL, WALL])
+        if k:
+            search(scene, robot.home, robot.home + 0.3, seed=99)
+        plan = plan_pick(scene, request)
+        assert isinstance(plan, PickPlan)
+        plans.append(plan)
+    assert "search" in plans[0].methods
+    for a, b in zip(plans[0].trajectories, plans[1].trajectories, strict=True):
+        np.testing.assert_array_equal(a.q, b.q)
+        np.testing.assert_array_equal(a.qd, b.qd)
+    assert_carries_out(CollisionScene(robot, TOOL, [*CELL, WALL]), request, plans[0])
+
+
+def test_another_seed_gives_another_way_around_the_wall(robot: RobotModel) -> None:
+    scene = CollisionScene(robot, TOOL, [*CELL, WALL])
+    ends = robot.home, forward_to(robot)
+    a, b = (search(scene, *ends, seed=s) for s in (1, 2))
+    assert a is not None
+    assert b is not None
+    assert not np.array_equal(a, b)
+
+
+def forward_to(robot: RobotModel) -> Array:
+    """A joint vector over the source bin, behind the wall as seen from home."""
+    plan = plan_pick(CollisionScene(robot, TOOL, ()), request_at(robot, 0.45, 0.0))
+    assert isinstance(plan, PickPlan)
+    return plan.lift.q[-1]
+
+
+def failure(scene: CollisionScene, request: PickRequest) -> PlanFailure:
+    plan = plan_pick(scene, request)
+    assert isinstance(plan, PlanFailure)
+    return plan
+
+
+def test_every_failure_names_its_reason(robot: RobotModel, scene: CollisionScene) -> None:
+    base = request_at(robot, 0.45, 0.0)
+    assert failure(scene, request_at(robot, 1.1, 0.0)) == PlanFailure(
+        "unreachable", "grasp: out of reach, no IK branch"
+    )
+    at_wall = failure(scene, request_at(robot, 0.45 + 0.113, 0.0, z=0.05))
+    assert at_wall.reason == "no_path"
+    assert "source_wall_x1" in at_wall.detail
+    lid = Box("lid", (0.26, 0.20, 0.01), make_transform(t=(0.45, 0, 0.13)))
+    covered = failure(CollisionScene(robot, TOOL, [*CELL, lid]), base)
+    assert covered.reason == "no_path"
+    assert "lid" in covered.detail
+    far = failure(scene, replace(base, retract=0.6))
+    assert far.reason == "unreachable"
+    assert far.detail.startswith("lift line: ")
+    none = failure(scene, replace(base, Ts_base_tool_place=np.zeros((0, 4, 4))))
+    assert none.detail == "place: no place pose was given"
+    deep = failure(scene, replace(base, Ts_base_tool_place=make_transform(DOWN, [[0.25, -0.4, -0.05]])))
+    assert deep.reason == "no_path"
+    assert deep.detail.startswith("place pose 0: ")
+
+
+def test_a_blocked_start_says_by_what(robot: RobotModel) -> None:
+    post = Box("post", (0.02, 0.02, 0.1), make_transform(t=tool(robot, robot.home)[:3, 3] + [0.02, 0, -0.03]))
+    blocked = failure(CollisionScene(robot, TOOL, [*CELL, post]), request_at(robot, 0.45, 0.0))
+    assert blocked.reason == "no_path"
+    assert blocked.detail.startswith("way to the grasp: ")
+    assert blocked.detail.endswith("touches post")
+
+
+def test_grasps_are_checked_one_at_a_time(robot: RobotModel, scene: CollisionScene) -> None:
+    Ts = make_transform(DOWN, np.array([[0.45, 0, 0.035], [1.1, 0, 0.035], [0.563, 0, 0.05]]))
+    free, far, wall = check_grasps(scene, Ts, T_FLANGE_TOOL)
+    assert free is None
+    assert far is not None
+    assert far.reason == "unreachable"
+    assert wall is not None
+    assert wall.reason == "no_path"
+    assert next(check_grasps(scene, Ts, T_FLANGE_TOOL)) is None
+
+
+def test_home_leaves_the_cameras_view_free(robot: RobotModel) -> None:
+    """No link or tool box reaches into the pyramid from the camera to the source bin's rim, 5 cm wider all round."""
+    camera, rim = np.array([0.45, 0.0, 0.85]), np.array([0.13 + 0.05, 0.10 + 0.05])
+    slices = []
+    for z in np.arange(0.01, 0.85, 0.02):
+        half = rim * (camera[2] - z) / (camera[2] - 0.09) if z > 0.09 else rim
+        slices.append(Box("view", (2 * half[0], 2 * half[1], 0.02), make_transform(t=(*camera[:2], z))))
+    assert CollisionScene(robot, TOOL, slices).first_contact(robot.home) is None

@@ -44,7 +44,6 @@ COARSE = (IcpStage(0.12, 4, 160, halo=True), IcpStage(0.06, 4, 160, halo=True))
 FINE = (IcpStage(0.05, 3, 256, halo=True), IcpStage(0.03, 3, 256, halo=True))
 LAST = (IcpStage(0.02, 2, 384, halo=True), IcpStage(6.0, 3, 384, in_sigmas=True))
 RIM_STEPS = 15
-RIM_GAP = 6
 RIM_DROP = 0.35
 """Step in depth that ends a surface, in thicknesses of the part."""
 RIM_WEIGHT = 0.3
@@ -122,10 +121,13 @@ def _rim_terms(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage
     last_front = torch.where(known & (drop < -step), index, nothing).cummax(-1).values
     last_behind = torch.where(behind, index, nothing).cummax(-1).values
     before = torch.cat([nothing.expand(*drop.shape[:-1], 1), last_behind[..., :-1]], -1)
-    edge = behind & (last_on >= 0) & (last_on > before) & (last_on > last_front) & (index - last_on <= RIM_GAP)
-    # shadows of the projector widen the gap: beyond one step the edge is taken to be near the last surface
+    edge = behind & (last_on >= 0) & (last_on > before) & (last_on > last_front)
+    # pixels at a step go missing on both of its sides, so the edge is in the middle of a narrow gap; a wide one is the
+    # projector's shadow, which lies behind the edge
     spacing = 2.0 * stage.rim / (RIM_STEPS - 1)
-    position = s[last_on.clamp(min=0).long()] + 0.5 * spacing * (index - last_on).clamp(max=2)
+    pixel = points[..., 2:] / scene.intrinsics.fx
+    half_gap = 0.5 * spacing * (index - last_on)
+    position = s[last_on.clamp(min=0).long()] + torch.where(half_gap < 2.0 * pixel, half_gap, pixel) + 0.25 * pixel
     distance, which = torch.where(edge, position.abs(), 1e3).min(-1)
     offset = position.gather(-1, which[..., None])[..., 0]
     weight = (1.0 - (distance / (1.2 * stage.rim)).square()).clamp_(min=0.0).square_()

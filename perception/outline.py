@@ -47,6 +47,6 @@ def _outline(samples: Array, view: Array) -> tuple[Array, Array]:
     x, y = path[:, 0], path[:, 1]
     slope = np.stack([smooth[y, x - 1] - smooth[y, x + 1], smooth[y - 1, x] - smooth[y + 1, x]], -1).astype(np.float64)
     slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
-    position = path * PIXEL + low + 0.5 * PIXEL * slope
+    position = path * PIXEL + low
     points = position @ axes + front[y, x, None] * view
     return points, slope @ axes

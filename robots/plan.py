@@ -100,8 +100,8 @@ class PlanFailure:
 def plan_pick(scene: CollisionScene, request: PickRequest) -> PickPlan | PlanFailure:
     """Plan one pick. The same scene and request give the same plan, bit for bit.
 
-    Branches are tried from the one of q_start on; the failure told is the one that got furthest. The scene comes back
-    holding nothing.
+    Branches are tried from the one of q_start on; the failure told is that of the first one the grasp exists in. The
+    scene comes back holding nothing.
     """
     grasp = request.T_base_tool_grasp @ invert(request.T_flange_tool)
     found = inverse(scene.robot, grasp[None], request.q_start)
@@ -113,8 +113,7 @@ def plan_pick(scene: CollisionScene, request: PickRequest) -> PickPlan | PlanFai
         if isinstance(plan, PickPlan):
             return plan
         stops.append(plan)
-    furthest = max(stops, key=lambda s: s.stage)
-    return PlanFailure(furthest.reason, furthest.detail)
+    return _failure(stops)
 
 
 def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Array) -> Iterator[PlanFailure | None]:
@@ -134,8 +133,7 @@ def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Arra
         if len(stops) < len(FRONT):
             yield None
         else:
-            furthest = max(stops, key=lambda s: s.stage)
-            yield PlanFailure(furthest.reason, furthest.detail)
+            yield _failure(stops)
 
 
 class _Stage(IntEnum):
@@ -149,6 +147,12 @@ class _Stop:
     stage: _Stage
     reason: Literal["unreachable", "no_path"]
     detail: str
+
+
+def _failure(stops: list[_Stop]) -> PlanFailure:
+    """That of the first branch within the joint limits; a folded elbow's collisions say nothing about the cell."""
+    told = next((s for s in stops if s.stage > _Stage.LIMITS), None) or max(stops, key=lambda s: s.stage)
+    return PlanFailure(told.reason, told.detail)
 
 
 def _plan_in_branch(
@@ -193,7 +197,9 @@ def _place(
     poses = request.Ts_base_tool_place @ invert(request.T_flange_tool)
     found = inverse(scene.robot, poses, q_lifted)
     rise = np.array([0.0, 0.0, request.place_height])
-    stops = [_Stop(_Stage.PLACE, "unreachable", "place: no place pose was given")]
+    if len(poses) == 0:
+        return _Stop(_Stage.PLACE, "unreachable", "place: no place pose was given")
+    stops: list[_Stop] = []
     blocked: list[tuple[int, JointPath]] = []
     for k, pose in enumerate(poses):
         stop = _standing(scene, found, k, slot, "transit")

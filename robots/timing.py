@@ -125,14 +125,17 @@ def path_segment(model: RobotModel, path: JointPath, start: float = 0.0) -> Path
 
     With |q'|, |q''|, |q'''| at their largest along the path, speed v, acceleration a and jerk j of s are bounded by
         |q'| v <= V,   |q'| a + |q''| v^2 <= A,   |q'| j + 3 |q''| v a + |q'''| v^3 <= J   for every joint.
-    A lower top speed leaves more acceleration and jerk, so a few are tried and the quickest is kept.
+    A lower top speed leaves more acceleration and jerk, so a few are tried and the quickest is kept; on a path that bends
+    sharply somewhere the speed is halved until there is one.
     """
     d1, d2, d3 = path.peaks
     top = float((model.velocity / d1).min())
     best: PathSegment | None = None
-    for v in top * np.array(_SPEEDS):
+    for v in (*(top * f for f in _SPEEDS), *(top * _SPEEDS[-1] * 0.5**k for k in range(1, 12))):
+        if best is not None and v < top * _SPEEDS[-1]:
+            break
         most = float(((model.acceleration - d2 * v**2) / d1).min())
-        for a in most * np.array(_SHARES):
+        for a in (most * f for f in _SHARES):
             j = float(((model.jerk - 3 * d2 * v * a - d3 * v**3) / d1).min())
             if a <= 0 or j <= 0:
                 continue

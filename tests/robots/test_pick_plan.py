@@ -138,7 +138,7 @@ def test_every_failure_names_its_reason(robot: RobotModel, scene: CollisionScene
 
 
 def test_a_blocked_start_says_by_what(robot: RobotModel) -> None:
-    post = Box("post", (0.02, 0.02, 0.1), make_transform(t=tool(robot, robot.home)[:3, 3] + [0.02, 0, -0.03]))
+    post = Box("post", (0.06, 0.06, 0.1), make_transform(t=tool(robot, robot.home)[:3, 3] - [0, 0, 0.03]))
     blocked = failure(CollisionScene(robot, TOOL, [*CELL, post]), request_at(robot, 0.45, 0.0))
     assert blocked.reason == "no_path"
     assert blocked.detail.startswith("way to the grasp: ")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from cell.frames import Array, about_axis, invert, make_transform, rotation_angle
 from robots.inverse import inverse
@@ -143,3 +144,11 @@ def test_concatenate_and_reverse(robot: RobotModel) -> None:
 def test_handed_on_arrays_are_read_only(robot: RobotModel) -> None:
     with pytest.raises(ValueError, match="read-only"):
         joint_move(robot, robot.home, robot.home + 0.1).q[0, 0] = 1.0
+
+
+def test_a_sharply_bent_path_still_has_a_time_law(robot: RobotModel) -> None:
+    s = np.linspace(0, 1, 33)
+    q = robot.home + 0.3 * np.tanh(60 * (s[:, None] - 0.5))
+    bent = follow(robot, JointPath(CubicSpline(s, q, axis=0)))
+    assert_keeps_limits(robot, bent)
+    assert_at_rest(bent)

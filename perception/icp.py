@@ -40,9 +40,16 @@ class IcpStage:
     rim: float = 0.0
 
 
-COARSE = (IcpStage(0.12, 4, 160, halo=True), IcpStage(0.06, 4, 160, halo=True))
-FINE = (IcpStage(0.05, 3, 256, halo=True), IcpStage(0.03, 3, 256, halo=True))
-LAST = (IcpStage(0.02, 2, 384, halo=True), IcpStage(6.0, 3, 384, in_sigmas=True))
+COARSE = (
+    IcpStage(0.12, 4, 160, halo=True, by_votes=True, rim=0.12),
+    IcpStage(0.06, 4, 160, halo=True, by_votes=True, rim=0.12),
+)
+FINE = (IcpStage(0.05, 3, 192, halo=True, by_votes=True, rim=0.08), IcpStage(0.03, 3, 192, rim=0.05))
+LAST = (
+    IcpStage(0.02, 2, 384),
+    IcpStage(6.0, 2, 384, in_sigmas=True, rim=0.025),
+    IcpStage(5.0, 2, 384, in_sigmas=True),
+)
 RIM_STEPS = 15
 RIM_DROP = 0.35
 """Step in depth that ends a surface, in thicknesses of the part."""

@@ -76,6 +76,8 @@ def refine(
         return RefineResult([], [], clock.seconds)
     with torch.no_grad():
         scene = SurfaceMap.of(frame, shape.unit, config.depth_sigma, roi)
+        clustered = votes.select(modes.labels >= 0)
+        scene = scene.with_centres(clustered.points, clustered.centres)
         clock.lap("surface")
         hypotheses = propose(votes, modes, categories, scene, shape, config.hypotheses)
         clock.lap("hypotheses")

@@ -52,18 +52,11 @@ def test_another_campaign_is_not_resumed(tmp_path):
 
 def test_a_killed_worker_costs_one_retry_and_nothing_else(tmp_path):
     *_, healthy = campaign(tmp_path / "healthy")
-    hashes = set()
-    for workers in (1, 2):
-        # the gripper's name is part of neither attempts nor outcomes
-        marker = tmp_path / f"died-{workers}"
-        seen = []
-        *_, s = campaign(
-            tmp_path / f"run-{workers}", workers=workers, gripper=f"dies_once:{marker}", on_event=seen.append
-        )
-        assert marker.exists()
-        assert sum(e.attempt is None and e.episode is None for e in seen) >= 1
-        hashes.add(s["record_hash"])
-    assert hashes == {healthy["record_hash"]}
+    marker, seen = tmp_path / "died", []  # the gripper's name is part of neither attempts nor outcomes
+    *_, s = campaign(tmp_path / "run", workers=2, gripper=f"dies_once:{marker}", on_event=seen.append)
+    assert marker.exists()
+    assert sum(e.attempt is None and e.episode is None for e in seen) >= 1
+    assert s["record_hash"] == healthy["record_hash"]
 
 
 def test_an_episode_that_kills_two_workers_is_a_simulation_error(tmp_path):
@@ -77,7 +70,7 @@ def test_an_episode_that_kills_two_workers_is_a_simulation_error(tmp_path):
 
 
 def test_a_worker_without_word_is_taken_for_dead(tmp_path):
-    attempts, _, _ = campaign(tmp_path, episodes=1, gripper="hangs", stall_s=4.0)
+    attempts, _, _ = campaign(tmp_path, episodes=1, gripper="hangs", stall_s=3.0)
     assert attempts[-1].reason is Reason.SIMULATION_ERROR
     assert "no word" in attempts[-1].tree["error"]
 

@@ -30,7 +30,7 @@ Triple = tuple[float, float, float]
 class BinConfig(Config):
     """An open bin; its frame is at the centre of the inner floor."""
 
-    inner: Triple = Field(default=(0.26, 0.20, 0.08), description="[m] inner length (x), width (y), depth (z)")
+    inner: Triple = Field(default=(0.26, 0.20, 0.06), description="[m] inner length (x), width (y), depth (z)")
     wall: float = Field(default=0.006, gt=0, le=0.1, description="[m] thickness of walls and floor")
     position: Triple = Field(description="[m] of the inner floor's centre in the world")
     yaw: float = Field(default=0.0, description="[rad] about world z")

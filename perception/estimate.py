@@ -1,0 +1,78 @@
+"""Perception of one depth frame, in the order of the paper: normalise, extract and regress, cluster, refine, verify."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from cell.bin import Bin
+from cell.camera import DepthFrame
+from cell.workpiece import Workpiece
+from perception.calibration import ScoreModel
+from perception.cloud import Cloud, roi_mask, scene_cloud
+from perception.network import Ps6d, pack
+from perception.pose_estimate import PoseEstimate
+from perception.refine import RefineConfig, RefineResult, refine
+from perception.sampling import build_graph
+from perception.votes import Votes
+from perception.weights import load_weights, weights_path
+
+PASSES = 2
+"""Samplings of the cloud that vote together: each adds votes on other points at the cost of one forward pass."""
+
+
+@dataclass(frozen=True)
+class Perception:
+    """PS6D with refinement for one workpiece; a frame in, verified poses out."""
+
+    workpiece: Workpiece
+    network: Ps6d
+    config: RefineConfig
+    score_model: ScoreModel | None
+    passes: int = PASSES
+
+    @staticmethod
+    def load(workpiece: Workpiece, weights: Path | None = None, config: RefineConfig | None = None) -> Perception:
+        """With the shipped weights, or those of a file.
+
+        Raises:
+            InputError: missing or corrupt weights.
+        """
+        torch.set_num_threads(1)  # more do not help at this size, and workers run side by side
+        network = load_weights(weights or weights_path(workpiece), workpiece)
+        return Perception(workpiece, network, config or RefineConfig.model_validate({}), ScoreModel.load(workpiece))
+
+    def perceive(self, frame: DepthFrame, bin: Bin, rng: np.random.Generator) -> RefineResult:
+        """Verified estimates and the network's raw poses; `rng` chooses the voting points."""
+        clock = time.perf_counter()
+        mask = roi_mask(frame, bin)
+        cloud = scene_cloud(frame, mask, self.workpiece.unit)
+        votes = self.vote(cloud, rng)
+        seconds = {"network": time.perf_counter() - clock}
+        if votes is None:
+            return RefineResult([], [], seconds)
+        result = refine(frame, self.workpiece, votes, self.config, mask, self.score_model)
+        return RefineResult(result.estimates, result.raw, seconds | result.seconds)
+
+    @torch.no_grad()
+    def vote(self, cloud: Cloud, rng: np.random.Generator) -> Votes | None:
+        """One pose vote for every voting point of every pass, in normalised camera coordinates; None without points."""
+        graphs = [g for g in (build_graph(cloud, rng) for _ in range(self.passes)) if g is not None]
+        if not graphs:
+            return None
+        prediction = self.network(pack(graphs))
+        origin = cloud.origin / cloud.unit
+        points = np.concatenate([g.levels[0].points for g in graphs])
+        return Votes(
+            points + origin,
+            prediction.centres.numpy() + origin,
+            prediction.rotations.numpy().astype(np.float64),
+            prediction.cad.numpy() if prediction.cad is not None else None,
+        )
+
+
+__all__ = ["Perception", "PoseEstimate", "RefineResult"]

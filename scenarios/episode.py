@@ -1,0 +1,98 @@
+"""One episode: a seeded bin fill, attempted until it is cleared or the stop rule ends it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+
+from cell.camera import DepthFrame
+from cell.errors import SimulationError
+from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
+from scenarios.place import PlacePlan
+from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
+from scenarios.scenario import Scenario
+from scenarios.workcell import SOURCE, Workcell
+
+ORACLE_PIXELS = 150
+"""The perception oracle knows the workpieces of which at least this many pixels are seen."""
+NO_PICKS_IN_A_ROW = 3
+"""Images taken one after the other that offer nothing to pick before a bin counts as stuck."""
+
+
+def run_episode(
+    scenario: Scenario,
+    seed: int,
+    oracle: frozenset[str],
+    on_attempt: Callable[[AttemptRecord], None],
+    pictures: bool,
+) -> EpisodeRecord:
+    """Fill the bin in the order of `seed` and pick until the end; each attempt is handed on as it ends."""
+    start = time.perf_counter()
+    perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece)
+    cell = Workcell.build(scenario, seed, pictures)
+    try:
+        memory = Memory(PlacePlan(cell.place, cell.workpiece))
+        picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)
+    finally:
+        cell.close()
+    return EpisodeRecord(seed, cell.dropped, picked, end, attempts, time.perf_counter() - start)
+
+
+def _pick_until_end(
+    cell: Workcell, perceive: Perceive, memory: Memory, seed: int, on_attempt: Callable[[AttemptRecord], None]
+) -> tuple[int, int, End]:
+    """Successes, attempts with no-picks, and how it ended."""
+    stop = cell.scenario.stop
+    picked = failures = no_picks = attempts = 0
+    while attempts < stop.attempt_limit:
+        if not cell.observe().parts_in(SOURCE):
+            return picked, attempts, "cleared"
+        record = attempt_pick(cell, perceive, memory, seed, attempts)
+        on_attempt(record)
+        attempts += 1
+        picked += record.success
+        failures = failures + 1 if record.moved and not record.success else 0 if record.success else failures
+        no_picks = 0 if record.moved else no_picks + 1
+        if no_picks:
+            memory.failed.clear()  # what was left alone may be all there is
+        if no_picks >= NO_PICKS_IN_A_ROW:
+            return picked, attempts, "stuck"
+        if failures >= stop.failures_in_a_row or record.reason == Reason.SIMULATION_ERROR:
+            return picked, attempts, "stopped"
+    return picked, attempts, "stopped"
+
+
+def oracle_perception(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
+    """Ground truth in place of perception: exact poses of all workpieces that are seen, scored by visible area."""
+    truth = cell.observe()
+    pixels = np.array([np.count_nonzero(ids == i) for i in range(len(truth.Ts_world_part))])
+    seen = [i for i in truth.parts_in(SOURCE) if pixels[i] >= ORACLE_PIXELS]
+    score = np.minimum(pixels[seen] / max(pixels.max(initial=1), 1), 1.0)
+    order = np.argsort(-score, kind="stable")[: cell.scenario.perception.max_estimates]
+    return Estimates(truth.Ts_world_part[seen][order], score[order])
+
+
+@lru_cache(maxsize=4)
+def ps6d(workpiece: str) -> Perceive:
+    """PS6D with the workpiece's shipped weights, loaded once a process."""
+    from cell.workpiece import load_workpiece
+    from perception.estimate import Perception
+
+    perception = Perception.load(load_workpiece(workpiece))
+
+    def perceive(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
+        found = perception.perceive(frame, cell.source, rng).estimates
+        config = cell.scenario.perception
+        good = [e for e in found if e.score >= config.min_score][: config.max_estimates]
+        if not good:
+            return Estimates(np.zeros((0, 4, 4)), np.zeros(0))
+        Ts = frame.T_world_camera @ np.stack([e.T_camera_part for e in good])
+        return Estimates(Ts, np.array([e.score for e in good]))
+
+    return perceive
+
+
+__all__ = ["SimulationError", "run_episode"]

@@ -1,0 +1,280 @@
+"""The story of one pick: capture, perceive, choose, plan, move, close, lift, carry, place, judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from cell.bin import Box
+from cell.camera import DepthFrame
+from cell.execute import close_jaws, execute, held_parts, open_jaws
+from cell.frames import Array, apply, invert, to_quat_xyzw
+from cell.gripper import in_frame
+from cell.observe import Snapshot
+from grasping.candidates import GraspCandidate, Selection, select
+from robots.collision import CollisionScene, HeightField
+from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
+from scenarios.outcome import Evidence, judge, nearest_true
+from scenarios.pictures import depth_picture, snap
+from scenarios.place import PlacePlan
+from scenarios.records import AttemptRecord, Reason, nested
+from scenarios.workcell import SOURCE, Workcell
+
+PLANS_TRIED = 6
+"""Candidates for which a whole motion is planned before giving up."""
+REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
+PLACE_LINE = 0.08  # [m] straight line down to a place pose
+CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
+BIN_MARGIN = 0.002  # [m] from floor and walls within which a measured point is the bin's
+GRID = 0.004  # [m] of the height field
+AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What perception hands to grasping: poses (k, 4, 4) in the world and scores (k,), best first."""
+
+    Ts_world_part: Array
+    scores: Array
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What to do: a candidate with its plan, or the reason why the arm does not move.
+
+    Attributes:
+        refused: index of a candidate in the selection -> why planning ruled it out.
+    """
+
+    candidate: GraspCandidate | None
+    plan: PickPlan | None
+    reason: Reason | Literal[""]
+    refused: dict[int, str]
+
+
+Perceive = Callable[[Workcell, DepthFrame, np.ndarray, np.random.Generator], Estimates]
+"""PS6D, or the oracle that is given the instance ids as well."""
+
+
+@dataclass
+class Memory:
+    """What the cell remembers between attempts: failed spots, and what was placed."""
+
+    place: PlacePlan
+    failed: list[tuple[int, Array]] = field(default_factory=list)
+
+    def avoided(self, Ts_world_part: Array, attempt: int, span: int) -> np.ndarray:
+        """(k,) bool: the estimate lies where a pick failed within the last `span` attempts."""
+        recent = [p for at, p in self.failed if attempt - at <= span]
+        return np.array([any(np.linalg.norm(T[:3, 3] - p) < AVOID_RADIUS for p in recent) for T in Ts_world_part], bool)
+
+
+def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, attempt: int) -> AttemptRecord:
+    """One attempt, from the depth image to the judged outcome."""
+    start = time.perf_counter()
+    rng = np.random.default_rng((seed, 1, attempt))
+    before = cell.observe()
+    frame, ids = cell.capture(rng)
+
+    clock = time.perf_counter()
+    estimates = perceive(cell, frame, ids, rng)
+    perceived = time.perf_counter()
+    selection = choose(cell, frame, estimates, memory, attempt)
+    chosen_at = time.perf_counter()
+    decision = decide(cell, frame, selection, memory, seed + attempt)
+    planned = time.perf_counter()
+
+    record: dict[str, Any] = {
+        "seed": seed,
+        "attempt": attempt,
+        "parts_in_bin_before": len(before.parts_in(SOURCE)),
+        "n_estimates": len(estimates.scores),
+        "sensing_s": cell.scenario.camera.sensing_time_s,
+        "perceive_s": perceived - clock,
+        "choose_s": chosen_at - perceived,
+        "plan_s": planned - chosen_at,
+        "tree": decision_tree(estimates, selection, decision),
+        "pictures": {},
+    }
+    if cell.pictures:
+        record["pictures"]["depth"] = depth_picture(cell, frame, estimates, decision.candidate)
+    if decision.candidate is None or decision.plan is None:
+        after = cell.observe()
+        record |= {"moved": False, "success": False, "reason": decision.reason}
+    else:
+        T_world_part = estimates.Ts_world_part[decision.candidate.estimate]
+        _, error, angle = nearest_true(T_world_part, before.Ts_world_part, cell.workpiece)
+        pose_ok = error < cell.workpiece.tolerance
+        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, record["pictures"])
+        limits, after = cell.scenario.limits, evidence.after
+        verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
+        if evidence.carried:
+            memory.place.fill(decision.plan.place)
+        if verdict != "":
+            memory.failed.append((attempt, T_world_part[:3, 3]))
+        record |= {
+            "moved": True,
+            "success": verdict == "",
+            "reason": verdict,
+            "estimate_T_world_part": nested(T_world_part),
+            "estimate_score": estimates.scores[decision.candidate.estimate],
+            "error_mm": 1000 * error,
+            "error_deg": np.rad2deg(angle),
+            "grasp": decision.candidate.point.name,
+            "robot_s": robot_s,
+        }
+    poses = np.concatenate([after.Ts_world_part[:, :3, 3], to_quat_xyzw(after.Ts_world_part)], axis=1)
+    return AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
+
+
+def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
+    """Estimates times grasp points, checked for room and ranked."""
+    span = cell.scenario.stop.attempts_to_avoid
+    return select(
+        estimates.Ts_world_part,
+        estimates.scores,
+        memory.avoided(estimates.Ts_world_part, attempt, span),
+        cell.grasps,
+        cell.workpiece,
+        cell.gripper,
+        cell.source,
+        scene_points(cell, frame),
+        cell.scenario.grasping,
+    )
+
+
+def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memory, seed: int) -> Decision:
+    """The first candidate, best rank first, for which there is a whole motion to a free place."""
+    if not selection.ruled_out:
+        return Decision(None, None, Reason.NO_DETECTION, {})
+    if not selection.candidates:
+        return Decision(None, None, Reason.ALL_GRASPS_BLOCKED, {})
+    field = scan_heights(cell, frame)
+    scenes: dict[float, CollisionScene] = {}
+    refused: dict[int, str] = {}
+    reason, planned = Reason.UNREACHABLE, 0
+    for i, candidate in enumerate(selection.candidates):
+        scene = scenes.get(candidate.opening)
+        if scene is None:
+            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(candidate.opening), cell.obstacles, field)
+            scenes[candidate.opening] = scene
+        stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
+        if stop is None:
+            planned += 1
+            plan = plan_pick(scene, request_of(cell, candidate, memory, seed))
+            if isinstance(plan, PickPlan):
+                return Decision(candidate, plan, "", refused)
+            stop = plan
+        refused[i] = f"{stop.reason}: {stop.detail}"
+        if stop.reason == "no_path":
+            reason = Reason.NO_PATH
+        if planned >= PLANS_TRIED:
+            break
+    return Decision(None, None, reason, refused)
+
+
+def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: int) -> PickRequest:
+    """What the planner is asked for one candidate."""
+    T_tool_part = invert(candidate.T_part_tool)
+    held = tuple(Box(f"held_{i}", b.size, b.T_part_box) for i, b in enumerate(cell.workpiece.collision_boxes))
+    return PickRequest(
+        q_start=cell.robot.home,
+        q_end=cell.robot.home,
+        T_base_tool_grasp=candidate.T_world_tool,
+        Ts_base_tool_place=memory.place.tool_poses(candidate.T_part_tool),
+        T_flange_tool=cell.gripper.T_flange_tool,
+        held_tool=tuple(in_frame(list(held), T_tool_part)),
+        approach=candidate.point.approach_distance,
+        retract=candidate.point.retract_distance,
+        place_height=PLACE_LINE,
+        carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
+        seed=seed,
+        dt=cell.world.dt,
+    )
+
+
+def move(
+    cell: Workcell,
+    candidate: GraspCandidate,
+    plan: PickPlan,
+    before: Snapshot,
+    pose_ok: bool,
+    pictures: dict[str, bytes],
+) -> tuple[Evidence, float]:
+    """Execute a plan in the physics; returns what was seen and the robot's time in [s].
+
+    A hard touch stops the arm, as a controller's collision guard does; it is then set back to home by hand.
+    """
+    world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
+    start = world.time
+    arm.hold_jaws(candidate.opening)
+    log = execute(world, arm, plan.approach.q, stop_above=limit)
+    closed: tuple[int, ...] = ()
+    lifted, carried, released = closed, closed, False
+    if not log.stopped:
+        jaws = close_jaws(world, arm)
+        closed, log = jaws.parts, log + jaws.log
+        snap(cell, pictures, "grasp")
+        if not closed:
+            open_jaws(world, arm, candidate.opening)
+            log += execute(world, arm, plan.approach.q[::-1], stop_above=limit)
+    if closed:
+        log += execute(world, arm, plan.lift.q, stop_above=limit)
+        lifted = held_parts(world, arm)
+        snap(cell, pictures, "lift")
+    if closed and not log.stopped:
+        log += execute(world, arm, plan.carry.q, stop_above=limit)
+        carried = held_parts(world, arm)
+        snap(cell, pictures, "place")
+    if closed and not log.stopped:
+        released = not open_jaws(world, arm).parts
+        log += execute(world, arm, plan.leave.q, stop_above=limit)
+    robot_s = world.time - start
+    if log.stopped:
+        arm.reset(cell.robot.home)
+    world.run_until_rest(REST_LIMIT)
+    after = cell.observe()
+    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok), robot_s
+
+
+def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
+    """Measured points (n, 3) in the world that lie over the source bin and are not the bin."""
+    points = frame.points_world()
+    local = apply(invert(cell.source.T_world_bin), points)
+    lx, ly, _ = cell.source.inner
+    inside = (np.abs(local[:, 0]) < lx / 2 - BIN_MARGIN) & (np.abs(local[:, 1]) < ly / 2 - BIN_MARGIN)
+    return points[inside & (local[:, 2] > BIN_MARGIN)]
+
+
+def scan_heights(cell: Workcell, frame: DepthFrame) -> HeightField:
+    """Highest measured point of every cell of a grid over the source bin; the bin's floor where nothing was measured."""
+    lx, ly, _ = cell.source.inner
+    local = apply(invert(cell.source.T_world_bin), scene_points(cell, frame))
+    nx, ny = int(lx / GRID) + 1, int(ly / GRID) + 1
+    heights = np.full((ny, nx), -GRID)
+    column = np.clip(np.rint((local[:, 0] + lx / 2) / GRID).astype(int), 0, nx - 1)
+    row = np.clip(np.rint((local[:, 1] + ly / 2) / GRID).astype(int), 0, ny - 1)
+    np.maximum.at(heights, (row, column), local[:, 2])
+    x, y, z = cell.source.position
+    return HeightField(heights + z, x - lx / 2, y - ly / 2, GRID)
+
+
+def decision_tree(estimates: Estimates, selection: Selection, decision: Decision) -> list[dict[str, Any]]:
+    """Estimates -> grasps -> what ruled them out, as JSON."""
+    tree: list[dict[str, Any]] = []
+    for k, (T, score) in enumerate(zip(estimates.Ts_world_part, estimates.scores, strict=True)):
+        position = [round(float(x), 5) for x in T[:3, 3]]
+        tree.append({"score": float(score), "position": position, "ruled_out": selection.ruled_out[k], "candidates": []})
+    for i, candidate in enumerate(selection.candidates):
+        if candidate is decision.candidate:
+            verdict = "chosen"
+        else:
+            verdict = decision.refused.get(i, "outranked")
+        tree[candidate.estimate]["candidates"].append(
+            {"grasp": candidate.point.name, "rank": candidate.rank, "terms": candidate.terms, "verdict": verdict}
+        )
+    return tree

@@ -1,0 +1,97 @@
+"""The cell of a scenario, built anew for every episode: everything a pick needs, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.arm import Arm
+from cell.bin import Bin, Box
+from cell.camera import DepthFrame, render
+from cell.gripper import Gripper, load_gripper
+from cell.observe import Snapshot, observe
+from cell.sensor import measure
+from cell.settle import fill_bin
+from cell.workpiece import Workpiece, load_workpiece
+from cell.world import World
+from grasping.grasp_points import GraspPoses, load_grasps
+from robots.model import RobotModel, load_robot
+from scenarios.scenario import Scenario
+
+SOURCE, PLACE = "source", "place"
+
+
+@dataclass
+class Workcell:
+    """A filled bin under a camera and an arm.
+
+    Attributes:
+        obstacles: static boxes of the cell: table and both bins.
+        dropped: workpieces that were dropped and lie in the source bin.
+        pictures: whether attempts keep pictures.
+    """
+
+    scenario: Scenario
+    workpiece: Workpiece
+    robot: RobotModel
+    gripper: Gripper
+    grasps: GraspPoses
+    world: World
+    arm: Arm
+    source: Bin
+    place: Bin
+    obstacles: list[Box]
+    dropped: int
+    pictures: bool
+
+    @staticmethod
+    def build(scenario: Scenario, seed: int, pictures: bool = False) -> Workcell:
+        """Build the cell and fill the source bin in the order that `seed` gives.
+
+        Raises:
+            InputError: the scenario names something that does not exist or does not fit.
+            SimulationError: the heap does not come to rest.
+        """
+        workpiece, robot = load_workpiece(scenario.workpiece), load_robot(scenario.robot)
+        gripper = load_gripper(scenario.gripper)
+        grasps = load_grasps(workpiece, gripper)
+        world = World(scenario.physics.timestep, scenario.physics.solver_iterations)
+        try:
+            source, place = scenario.source_bin.build(SOURCE), scenario.place_bin.build(PLACE)
+            obstacles = [scenario.table.build(), *source.boxes(), *place.boxes()]
+            for box in obstacles:
+                world.add_box(box)
+            arm = Arm(world, robot.urdf, robot.joints, gripper)
+            arm.reset(robot.home)
+            rng = np.random.default_rng((seed, 0))
+            heap = fill_bin(world, workpiece, source, scenario.count, rng)
+        except BaseException:
+            world.close()
+            raise
+        dropped = int(heap.inside.sum())
+        return Workcell(
+            scenario, workpiece, robot, gripper, grasps, world, arm, source, place, obstacles, dropped, pictures
+        )
+
+    def close(self) -> None:
+        """Free the physics; the cell cannot be used after."""
+        self.world.close()
+
+    def observe(self) -> Snapshot:
+        """Ground truth, for scoring and the oracle."""
+        return observe(self.world, [self.source, self.place])
+
+    def capture(self, rng: np.random.Generator) -> tuple[DepthFrame, np.ndarray]:
+        """What the sensor measures, and the instance ids (h, w) of the exact image, which are ground truth."""
+        camera, sensor = self.scenario.camera, self.scenario.sensor
+        exact = render(
+            self.workpiece.vertices,
+            self.workpiece.faces,
+            self.world.part_poses(),
+            self.obstacles,
+            camera.intrinsics,
+            camera.T_world_camera,
+            sensor.projector_offset,
+        )
+        return measure(exact, camera.intrinsics, camera.T_world_camera, sensor, rng), exact.ids

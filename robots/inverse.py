@@ -19,7 +19,7 @@ from py_opw_kinematics import KinematicModel, RigidTransform, Robot
 from cell.frames import Array
 from robots.model import OpwConfig, RobotModel
 
-FRONT = (0, 1, 4, 5)  # branches whose shoulder faces the work
+FRONT = (0, 4)  # shoulder faces the work, elbow up; with the elbow down the arm touches itself or the bin first
 SIGMA_MIN = 0.03  # [m/rad and rad/rad]; closer to a singularity the joints outrun the tool
 
 

@@ -150,7 +150,7 @@ class _Stop:
 
 
 def _failure(stops: list[_Stop]) -> PlanFailure:
-    """That of the first branch within the joint limits; a folded elbow's collisions say nothing about the cell."""
+    """That of the first branch within the joint limits, if there is one."""
     told = next((s for s in stops if s.stage > _Stage.LIMITS), None) or max(stops, key=lambda s: s.stage)
     return PlanFailure(told.reason, told.detail)
 
@@ -268,6 +268,6 @@ def _standing(scene: CollisionScene, found: Branches, k: int, slot: int, mode: M
 
 
 def _branches_in_order(robot: RobotModel, q_start: Array) -> list[int]:
-    """Front-facing branches: first the elbow and wrist of q_start, then its elbow, then the rest."""
-    start = int(branch(robot, q_start))
-    return sorted(FRONT, key=lambda b: (b & 1 != start & 1, b & 4 != start & 4))
+    """Front-facing branches, the one with the wrist of q_start first."""
+    wrist = int(branch(robot, q_start)) & 4
+    return sorted(FRONT, key=lambda b: b & 4 != wrist)

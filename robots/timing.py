@@ -125,8 +125,8 @@ def path_segment(model: RobotModel, path: JointPath, start: float = 0.0) -> Path
 
     With |q'|, |q''|, |q'''| at their largest along the path, speed v, acceleration a and jerk j of s are bounded by
         |q'| v <= V,   |q'| a + |q''| v^2 <= A,   |q'| j + 3 |q''| v a + |q'''| v^3 <= J   for every joint.
-    A lower top speed leaves more acceleration and jerk, so a few are tried and the quickest is kept; on a path that bends
-    sharply somewhere the speed is halved until there is one.
+    A lower top speed leaves more acceleration and jerk, so a few are tried and the quickest is kept; on a path that
+    bends sharply somewhere the speed is halved until there is one.
     """
     d1, d2, d3 = path.peaks
     top = float((model.velocity / d1).min())

@@ -33,9 +33,11 @@ def test_ordinary_postures_do_not_touch_themselves(robot: RobotModel) -> None:
     assert all("palm" in c or "finger" in c[0] for c in contacts if c)  # only the tool, folded back over the wrist
 
 
-def test_a_folded_arm_touches_itself(robot: RobotModel) -> None:
-    bare = CollisionScene(robot, TOOL, ())
-    assert not bare.free(np.array([0, 0, robot.lower[2], 0, 0, 0]))
+def test_the_data_sheets_ranges_are_open_and_a_folded_arm_touches_its_base(robot: RobotModel) -> None:
+    bare = CollisionScene(robot, (), ())
+    for posture in ([0, 0, -70, 0, 0, 0], [0, 0, -70, 90, 0, 0], [0, 0, 205, 0, 0, 0], [0, 0, 0, 0, -125, 0]):
+        assert bare.first_contact(np.deg2rad(posture)) is None
+    assert bare.first_contact(np.deg2rad([0, -100, 205, 0, 0, 0])) == ("base_link", "link_4")
 
 
 def test_tool_through_a_wall_is_named(robot: RobotModel, scene: CollisionScene) -> None:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from cell.config import Config
 from perception.agreement import soft_score
-from perception.cluster import Categories, Modes, nearest_rotations
+from perception.cluster import Categories, Modes, mean_shift, nearest_rotations
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.votes import Votes
@@ -19,6 +19,8 @@ from perception.votes import Votes
 class HypothesisConfig(Config):
     """Where hypotheses come from and how many are kept."""
 
+    place_bandwidth: float = Field(0.12, gt=0, description="of the search for places by position alone, in units")
+    min_votes_place: int = Field(4, ge=1, description="fewest votes of such a place")
     votes_per_place: int = Field(12, ge=0, description="single predicted rotations tried at each place")
     near_symmetries: bool = Field(True, description="turn each hypothesis by the near symmetries of the CAD")
     slides: int = Field(0, ge=0, description="shifts by 0.1 units each way along the long axis (slender parts)")
@@ -46,11 +48,58 @@ class Hypotheses:
         return Hypotheses(self.rotations[i], self.positions[i], self.places[index], self.scores[index])
 
 
+@dataclass(frozen=True)
+class Places:
+    """Where workpieces may be: the categories of the clustering, then peaks of the predicted centres alone.
+
+    A weak network finds the centre long before the rotation; its instances have too scattered rotations to make a
+    mode, and only their position betrays them.
+
+    Attributes:
+        positions: (n, 3) in units; counts: (n,) votes near each; of_vote: (m,) and of_mode: (k,) nearest place of each
+            vote and mode, -1 for none.
+    """
+
+    positions: np.ndarray
+    counts: np.ndarray
+    of_vote: np.ndarray
+    of_mode: np.ndarray
+
+
+def find_places(votes: Votes, modes: Modes, categories: Categories, config: HypothesisConfig) -> Places:
+    """Categories, and peaks of position that are no category."""
+    reach = config.place_bandwidth
+    positions = categories.positions
+    peaks = mean_shift(votes.centres / reach, 1024, 15) * reach
+    if len(peaks):
+        count = (_distances(votes.centres, peaks) < reach).sum(0)
+        new = count >= config.min_votes_place
+        if len(positions):
+            new &= _distances(positions, peaks).min(0) > 0.8 * reach
+        positions = np.concatenate([positions, peaks[new]])
+    if len(positions) == 0:
+        none = np.zeros(0, dtype=np.int64)
+        return Places(positions, none, np.full(len(votes), -1), np.full(len(modes.counts), -1))
+    gaps = _distances(votes.centres, positions)
+    of_vote = np.where(gaps.min(1) < 1.25 * reach, gaps.argmin(1), -1)
+    of_mode = np.zeros(0, dtype=np.int64)
+    if len(modes.counts):
+        gaps = _distances(modes.positions, positions)
+        of_mode = np.where(gaps.min(1) < 1.25 * reach, gaps.argmin(1), -1)
+    return Places(positions, np.bincount(of_vote[of_vote >= 0], minlength=len(positions)), of_vote, of_mode)
+
+
 def propose(
-    votes: Votes, modes: Modes, categories: Categories, scene: SurfaceMap, shape: ShapeModel, config: HypothesisConfig
+    votes: Votes,
+    modes: Modes,
+    categories: Categories,
+    places: Places,
+    scene: SurfaceMap,
+    shape: ShapeModel,
+    config: HypothesisConfig,
 ) -> Hypotheses:
     """All hypotheses of all places, scored against the depth image; the best few of each place."""
-    R, t, place = _candidates(votes, modes, categories, shape, config)
+    R, t, place = _candidates(votes, modes, categories, places, config)
     if config.near_symmetries:
         near = shape.near_symmetries
         R = np.einsum("hij,sjk->hsik", R, near).reshape(-1, 3, 3)
@@ -90,29 +139,34 @@ def kabsch(model: np.ndarray, measured: np.ndarray, weights: np.ndarray) -> tupl
 
 
 def _candidates(
-    votes: Votes, modes: Modes, categories: Categories, shape: ShapeModel, config: HypothesisConfig
+    votes: Votes, modes: Modes, categories: Categories, places: Places, config: HypothesisConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotations, positions and places: voted poses, mode averages, Kabsch of modes, single votes."""
-    of_vote = np.where(modes.labels >= 0, np.append(categories.of_mode, -1)[modes.labels], -1)
-    in_place = np.flatnonzero(categories.of_mode >= 0)
-    n = len(categories.counts)
+    """Rotations, positions and places: voted poses, mode averages, Kabsch of modes and places, single votes."""
+    in_place = np.flatnonzero(places.of_mode >= 0)
     R = [categories.rotations, modes.rotations[in_place]]
     t = [categories.positions, modes.positions[in_place]]
-    place = [np.arange(n), categories.of_mode[in_place]]
-    for k in in_place if votes.cad_coordinates is not None else ():
-        members = np.flatnonzero(modes.labels == k)
-        if len(members) >= 4 and votes.cad_coordinates is not None:
-            pose = kabsch(votes.cad_coordinates[members], votes.points[members], np.ones(len(members)))
-            R.append(pose[0][None])
-            t.append(pose[1][None])
-            place.append(categories.of_mode[k : k + 1])
-    for c in range(n if config.votes_per_place else 0):
-        members = np.flatnonzero(of_vote == c)
-        few = members[np.unique(np.linspace(0, len(members) - 1, config.votes_per_place).round().astype(int))]
-        R.append(votes.rotations[few])
-        t.append(np.broadcast_to(categories.positions[c], (len(few), 3)))
-        place.append(np.full(len(few), c))
+    place = [np.arange(len(categories.counts)), places.of_mode[in_place]]
+    groups = [(np.flatnonzero(modes.labels == k), places.of_mode[k]) for k in in_place]
+    for c, position in enumerate(places.positions):
+        members = np.flatnonzero(places.of_vote == c)
+        groups.append((members, c))
+        if config.votes_per_place and len(members):
+            few = members[np.unique(np.linspace(0, len(members) - 1, config.votes_per_place).round().astype(int))]
+            R.append(votes.rotations[few])
+            t.append(np.broadcast_to(position, (len(few), 3)))
+            place.append(np.full(len(few), c))
+    if votes.cad_coordinates is not None:
+        for members, c in groups:
+            if len(members) >= 4:
+                pose = kabsch(votes.cad_coordinates[members], votes.points[members], np.ones(len(members)))
+                R.append(pose[0][None])
+                t.append(pose[1][None])
+                place.append(np.asarray([c]))
     return np.concatenate(R), np.concatenate(t), np.concatenate(place)
+
+
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.norm(a[:, None] - b[None], axis=-1))
 
 
 def _slide(

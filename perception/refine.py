@@ -17,7 +17,7 @@ from cell.workpiece import Workpiece
 from perception.agreement import soft_score
 from perception.calibration import ScoreModel
 from perception.cluster import Categories, ClusterConfig, cluster, nearest_rotations
-from perception.hypotheses import Hypotheses, HypothesisConfig, best_of_each_place, propose
+from perception.hypotheses import Hypotheses, HypothesisConfig, Places, best_of_each_place, find_places, propose
 from perception.icp import COARSE, FINE, LAST, register
 from perception.pose_estimate import PoseEstimate
 from perception.shape_model import ShapeModel
@@ -72,18 +72,19 @@ def refine(
     modes, categories = cluster(votes, shape, config.cluster)
     clock.lap("cluster")
     raw = _raw_estimates(categories, shape, len(votes))
-    if len(raw) == 0:
-        return RefineResult([], [], clock.seconds)
+    places = find_places(votes, modes, categories, config.hypotheses)
+    if len(places.positions) == 0:
+        return RefineResult([], raw, clock.seconds)
     with torch.no_grad():
         scene = SurfaceMap.of(frame, shape.unit, config.depth_sigma, roi)
-        clustered = votes.select(modes.labels >= 0)
+        clustered = votes.select(places.of_vote >= 0)
         scene = scene.with_centres(clustered.points, clustered.centres)
         clock.lap("surface")
-        hypotheses = propose(votes, modes, categories, scene, shape, config.hypotheses)
+        hypotheses = propose(votes, modes, categories, places, scene, shape, config.hypotheses)
         clock.lap("hypotheses")
         hypotheses = _register(hypotheses, scene, shape, config)
         clock.lap("icp")
-        estimates = _verify(hypotheses, categories, scene, shape, config, score_model or ScoreModel())
+        estimates = _verify(hypotheses, places, scene, shape, config, score_model or ScoreModel())
         clock.lap("verify")
     return RefineResult(estimates, raw, clock.seconds)
 
@@ -100,7 +101,7 @@ def _register(hypotheses: Hypotheses, scene: SurfaceMap, shape: ShapeModel, conf
 
 def _verify(
     hypotheses: Hypotheses,
-    categories: Categories,
+    places: Places,
     scene: SurfaceMap,
     shape: ShapeModel,
     config: RefineConfig,
@@ -127,7 +128,7 @@ def _verify(
             score=float(scores[i]),
             visible_share=float(evidence.inliers[i]),
             residual=float(evidence.residual[i] * shape.unit),
-            n_votes=int(categories.counts[kept.places[i]]),
+            n_votes=int(places.counts[kept.places[i]]),
         )
         for i in winners[np.argsort(-scores[winners], kind="stable")]
     ]

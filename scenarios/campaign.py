@@ -305,6 +305,9 @@ class _Pool:
 def _work(pipe: Connection, scenario: Scenario, oracle: frozenset[str], runner: Runner, pictures: bool) -> None:
     """A worker process: episodes until the driver says None or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the driver ends the workers
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)  # the physics engine chats on stdout, which may be a JSON document's
+    os.close(nowhere)
     with suppress(EOFError, OSError):
         while (seed := pipe.recv()) is not None:
             try:

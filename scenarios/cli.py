@@ -112,7 +112,10 @@ def _run(args: argparse.Namespace) -> int:
             ended = {e.seed for e in store.episodes()}
             done = [a for a in store.attempts() if a.seed in ended]
     if not args.json:
-        console.print(f"{scenario.name}: {args.episodes} episodes of {scenario.count} workpieces, results in {out}")
+        console.print(
+            f"{scenario.name}: {args.episodes} episodes of {scenario.count} workpieces, results in {out}",
+            soft_wrap=True,
+        )
     try:
         with LiveView(console, args.episodes, scenario.count, done) as view:
             run_campaign(
@@ -144,7 +147,7 @@ def _run(args: argparse.Namespace) -> int:
         print(json.dumps(summary, indent=2))
     else:
         print_summary(console, summary)
-        console.print(f"wrote {out / FILE}; a page with pictures: pickproof report {out}")
+        console.print(f"wrote {out / FILE}; a page with pictures: pickproof report {out}", soft_wrap=True)
     return 0
 
 

@@ -12,11 +12,13 @@ from cell.bin import Bin
 from cell.frames import Array
 from cell.gripper import Gripper
 from cell.workpiece import Workpiece
-from grasping.clearance import hits_bin, points_in_gripper, thin, without_workpiece
+from grasping.clearance import OpenGripper, thin, without_workpiece
 from grasping.grasp_points import GraspPoint, GraspPoses
 
 MAX_TILT = np.deg2rad(50.0)  # of the approach from the vertical
-PER_ESTIMATE = 12
+NEAR = 0.13  # [m] around an estimate within which the heap can be in the gripper's way
+CHUNK = 24
+PER_ESTIMATE = 8
 """Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
 
 
@@ -87,65 +89,75 @@ def select(
     scene = thin(scene_points)
     heights = Ts_world_part[:, 2, 3] if len(Ts_world_part) else np.zeros(0)
     low, span = heights.min(initial=np.inf), max(float(np.ptp(heights)) if len(heights) else 0.0, 0.01)
+    grippers = {float(o): OpenGripper.of(gripper.boxes(float(o))) for o in np.unique(poses.openings)}
     found: list[GraspCandidate] = []
     ruled_out: dict[int, dict[str, dict[str, int]]] = {}
     for k, T_world_part in enumerate(Ts_world_part):
+        verdicts = np.full(len(poses.index), "avoided", dtype="<U12")
+        if not avoided[k]:
+            near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < NEAR
+            others = without_workpiece(scene[near], T_world_part, workpiece)
+            terms = _terms(T_world_part, float(scores[k]), float((heights[k] - low) / span), poses)
+            rank = sum(getattr(weights, f"weight_{name}") * value for name, value in terms.items())
+            Ts = T_world_part @ poses.Ts_part_tool
+            for i in _with_room(Ts, np.asarray(rank), poses, grippers, bin, others, verdicts):
+                own = {name: float(value[i]) for name, value in terms.items()}
+                opening = float(poses.openings[i])
+                point = poses.points[poses.index[i]]
+                found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, float(rank[i]), own))
         counts: dict[str, Counter[str]] = {}
-
-        def note(which: np.ndarray, reason: str, counts: dict[str, Counter[str]] = counts) -> None:
-            for i in poses.index[which]:
-                counts.setdefault(poses.points[i].name, Counter())[reason] += 1
-
-        everything = np.arange(len(poses.index))
-        if avoided[k]:
-            note(everything, "avoided")
-        else:
-            kept = _with_room(T_world_part, poses, workpiece, gripper, bin, scene, note)
-            ranked = _rank(k, kept, T_world_part, float(scores[k]), (heights[k] - low) / span, poses, weights)
-            found += ranked[:PER_ESTIMATE]
-            for candidate in ranked[PER_ESTIMATE:]:
-                counts.setdefault(candidate.point.name, Counter())["outranked"] += 1
+        for i, verdict in zip(poses.index, verdicts, strict=True):
+            if verdict:
+                counts.setdefault(poses.points[i].name, Counter())[str(verdict)] += 1
         ruled_out[k] = {name: dict(c) for name, c in counts.items()}
     found.sort(key=lambda c: -c.rank)
     return Selection(found[: weights.max_candidates], ruled_out)
 
 
-def _with_room(T_world_part, poses, workpiece, gripper, bin, scene, note):  # type: ignore[no-untyped-def]
-    """Indices of the grasp poses with an upright approach and room for the open gripper."""
-    Ts = T_world_part @ poses.Ts_part_tool
-    upright = -Ts[:, 2, 2] > np.cos(MAX_TILT)
-    note(np.flatnonzero(~upright), "tilt")
-    alive = np.flatnonzero(upright)
-    if len(alive) == 0:
-        return alive
-    boxes = {float(o): gripper.boxes(float(o)) for o in np.unique(poses.openings)}
-    mine = [boxes[float(o)] for o in poses.openings[alive]]
-    blocked = hits_bin(Ts[alive], mine, bin)
-    note(alive[blocked], "gripper_bin")
-    alive = alive[~blocked]
-    if len(alive) == 0:
-        return alive
-    others = without_workpiece(scene, T_world_part, workpiece)
-    count = points_in_gripper(Ts[alive], [boxes[float(o)] for o in poses.openings[alive]], others)
-    note(alive[count > 0], "gripper_heap")
-    return alive[count == 0]
+def _terms(T_world_part: Array, score: float, height: float, poses: GraspPoses) -> dict[str, Array]:
+    """Terms (n,) of the ranking for every pose of one estimate, each in [0, 1]."""
+    downwards = -(T_world_part @ poses.Ts_part_tool)[:, 2, 2]
+    n = len(poses.index)
+    return {
+        "score": np.full(n, score),
+        "height": np.full(n, height),
+        "upright": np.clip((downwards - np.cos(MAX_TILT)) / (1 - np.cos(MAX_TILT)), 0.0, 1.0),
+        "priority": np.array([poses.points[i].priority for i in poses.index]),
+        "clearance": np.clip(1.0 - 0.5 * poses.depth_rank - 10.0 * poses.offset, 0.0, 1.0),
+    }
 
 
-def _rank(
-    k: int, kept: np.ndarray, T_world_part: Array, score: float, height: float, poses: GraspPoses, weights: Weights
-) -> list[GraspCandidate]:
-    out = []
-    for i in kept:
-        T = T_world_part @ poses.Ts_part_tool[i]
-        point = poses.points[poses.index[i]]
-        terms = {
-            "score": score,
-            "height": float(height),
-            "upright": float((-T[2, 2] - np.cos(MAX_TILT)) / (1 - np.cos(MAX_TILT))),
-            "priority": point.priority,
-            "clearance": 1.0 - 0.5 * min(int(poses.depth_rank[i]), 2) - 10.0 * float(poses.offset[i]),
-        }
-        rank = sum(getattr(weights, f"weight_{name}") * value for name, value in terms.items())
-        out.append(GraspCandidate(k, point, T, poses.Ts_part_tool[i], float(poses.openings[i]), rank, terms))
-    out.sort(key=lambda c: -c.rank)
-    return out
+def _with_room(
+    Ts: Array,
+    rank: Array,
+    poses: GraspPoses,
+    grippers: dict[float, OpenGripper],
+    bin: Bin,
+    others: Array,
+    verdicts: np.ndarray,
+) -> list[int]:
+    """Indices of the best PER_ESTIMATE poses with an upright approach and room for the open gripper, best first.
+
+    The reason that ruled a pose out is written to `verdicts` (n,); the empty string for those returned.
+    """
+    verdicts[:] = ""
+    tilted = -Ts[:, 2, 2] < np.cos(MAX_TILT)
+    verdicts[tilted] = "tilt"
+    for opening, shape in grippers.items():
+        mine = np.flatnonzero(~tilted & (poses.openings == opening))
+        verdicts[mine[shape.hits_bin(Ts[mine], bin)]] = "gripper_bin"
+    alive = np.flatnonzero(verdicts == "")
+    alive = alive[np.argsort(-rank[alive], kind="stable")]
+    kept: list[int] = []
+    for start in range(0, len(alive), CHUNK):
+        if len(kept) >= PER_ESTIMATE:
+            break
+        chunk = alive[start : start + CHUNK]
+        for opening, shape in grippers.items():
+            mine = chunk[poses.openings[chunk] == opening]
+            verdicts[mine[shape.hits_points(Ts[mine], others)]] = "gripper_heap"
+        kept += [int(i) for i in chunk if verdicts[i] == ""]
+    verdicts[alive[verdicts[alive] == ""]] = "outranked"
+    kept = kept[:PER_ESTIMATE]
+    verdicts[kept] = ""
+    return kept

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cell.bin import Bin, Box
 from cell.frames import Array, apply, invert
@@ -15,6 +15,11 @@ WALL_MARGIN = 0.0008  # [m] kept from walls and floor
 POINT_MARGIN = 0.0005  # [m] kept from the cloud
 VOXEL = 0.0025  # [m] spacing to which the cloud is thinned
 OWN = 0.003  # [m] cloud points this close to the estimated workpiece are its own
+
+
+_GRID = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1], indexing="ij"), -1).reshape(-1, 3)
+OUTLINE = _GRID[np.abs(_GRID).sum(1) >= 2].astype(float)
+"""Corners and edge middles (20, 3) of the box from -1 to 1."""
 
 
 def thin(points: Array, voxel: float = VOXEL) -> Array:
@@ -35,46 +40,43 @@ def without_workpiece(points: Array, T_world_part: Array, workpiece: Workpiece, 
     return points[~own]
 
 
-def points_in_gripper(Ts_world_tool: Array, boxes: Sequence[Sequence[Box]], points: Array) -> np.ndarray:
-    """Number of cloud points (n,) inside the gripper's boxes at each tool pose.
+@dataclass(frozen=True)
+class OpenGripper:
+    """The gripper at one opening, in the tool frame: its boxes are parallel to that frame.
 
-    Args:
-        Ts_world_tool: (n, 4, 4).
-        boxes: for each pose its boxes in the tool frame.
-        points: (k, 3) in the world, without those of the workpiece itself.
+    Attributes:
+        centres, halves: (b, 3) of its boxes in [m].
+        outline: (k, 3) corners and middles of edges of all boxes.
+        reach: distance in [m] from the TCP to the farthest corner.
     """
-    count = np.zeros(len(Ts_world_tool), dtype=np.intp)
-    if len(points) == 0:
-        return count
-    reach = max((float(np.linalg.norm(np.asarray(b.size) / 2) + np.linalg.norm(b.T_world_box[:3, 3])))
-                for bs in boxes[:1] for b in bs)  # fmt: skip
-    tree = cKDTree(points)
-    for i, (T, mine) in enumerate(zip(Ts_world_tool, boxes, strict=True)):
-        near = points[tree.query_ball_point(T[:3, 3], reach + 0.02)]
-        if len(near) == 0:
-            continue
-        p = apply(invert(T), near)
-        inside = np.zeros(len(near), dtype=bool)
-        for box in mine:
-            q = p - box.T_world_box[:3, 3]  # the gripper's boxes are parallel to the tool frame
-            inside |= (np.abs(q) < np.asarray(box.size) / 2 + POINT_MARGIN).all(axis=1)
-        count[i] = int(inside.sum())
-    return count
 
+    centres: Array
+    halves: Array
+    outline: Array
+    reach: float
 
-def corners(box: Box) -> Array:
-    """Corners and edge midpoints (20, 3) of a box in the frame in which it is given."""
-    grid = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1], indexing="ij"), -1).reshape(-1, 3)
-    surface = grid[np.abs(grid).sum(1) >= 2]
-    return apply(box.T_world_box, surface * np.asarray(box.size) / 2)
+    @staticmethod
+    def of(boxes: Sequence[Box]) -> OpenGripper:
+        """From the gripper's boxes in the tool frame."""
+        centres = np.stack([b.T_world_box[:3, 3] for b in boxes])
+        halves = np.stack([np.asarray(b.size) / 2 for b in boxes])
+        outline = (centres[:, None] + OUTLINE[None] * halves[:, None]).reshape(-1, 3)
+        return OpenGripper(centres, halves, outline, float(np.linalg.norm(outline, axis=1).max()))
 
+    def hits_points(self, Ts_world_tool: Array, points: Array, margin: float = POINT_MARGIN) -> np.ndarray:
+        """(n,) bool: a point (k, 3) in the world is inside the gripper at a tool pose (n, 4, 4)."""
+        if len(points) == 0:
+            return np.zeros(len(Ts_world_tool), dtype=bool)
+        local = apply(invert(Ts_world_tool), points)
+        inside = np.zeros(local.shape[:2], dtype=bool)
+        for centre, half in zip(self.centres, self.halves, strict=True):
+            inside |= (np.abs(local - centre) < half + margin).all(axis=-1)
+        return np.asarray(inside.any(axis=1))
 
-def hits_bin(Ts_world_tool: Array, boxes: Sequence[Sequence[Box]], bin: Bin) -> np.ndarray:
-    """(n,) bool: a corner or an edge's middle of the gripper is inside a wall, under the floor or outside below the rim."""
-    lx, ly, lz = bin.inner
-    T_bin_world = invert(bin.T_world_bin)
-    local = np.stack([np.concatenate([corners(b) for b in mine]) for mine in boxes])
-    p = apply(T_bin_world @ Ts_world_tool, local)
-    low = p[..., 2] < lz + WALL_MARGIN
-    beyond = (np.abs(p[..., 0]) > lx / 2 - WALL_MARGIN) | (np.abs(p[..., 1]) > ly / 2 - WALL_MARGIN)
-    return ((low & beyond) | (p[..., 2] < WALL_MARGIN)).any(axis=1)
+    def hits_bin(self, Ts_world_tool: Array, bin: Bin) -> np.ndarray:
+        """(n,) bool: part of the outline is in a wall, under the floor, or outside the walls below the rim."""
+        lx, ly, lz = bin.inner
+        p = apply(invert(bin.T_world_bin) @ Ts_world_tool, self.outline)
+        low = p[..., 2] < lz + WALL_MARGIN
+        beyond = (np.abs(p[..., 0]) > lx / 2 - WALL_MARGIN) | (np.abs(p[..., 1]) > ly / 2 - WALL_MARGIN)
+        return np.asarray(((low & beyond) | (p[..., 2] < WALL_MARGIN)).any(axis=1))

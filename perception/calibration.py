@@ -14,7 +14,19 @@ from cell.errors import InputError
 
 Floats = NDArray[np.float64]
 
-FEATURES = ("violations", "wrong_normal", "log_inliers", "log_area", "occluded", "beside", "residual", "facing")
+FEATURES = (
+    "violations",
+    "wrong_normal",
+    "log_inliers",
+    "log_area",
+    "occluded",
+    "beside",
+    "residual",
+    "facing",
+    "log_votes",
+    "centres_agree",
+    "rotations_agree",
+)
 SCHEMA = 1
 
 
@@ -27,8 +39,8 @@ class ScoreModel:
         bias: the constant.
     """
 
-    weights: tuple[float, ...] = (-14.0, -6.0, 1.5, 0.8, -1.0, -6.0, -1.5, -4.0)
-    bias: float = 6.0
+    weights: tuple[float, ...] = (-14.0, -6.0, 1.5, 0.8, -1.0, -6.0, -1.5, -4.0, 0.5, 2.0, 2.0)
+    bias: float = 4.0
 
     def score(self, features: Floats) -> Floats:
         """Scores (h,) in [0, 1] of features (h, len(FEATURES))."""
@@ -73,3 +85,16 @@ class ScoreModel:
         if data.get("schema") != SCHEMA:
             raise InputError(path, "schema", data.get("schema"), str(SCHEMA))
         return ScoreModel(weights, bias)
+
+
+def reliability(scores: Floats, right: np.ndarray, bins: int = 10) -> dict[str, object]:
+    """Reliability curve and expected calibration error (Guo et al. 2017) of scores (n,) against outcomes (n,) bool."""
+    which = np.minimum((np.asarray(scores) * bins).astype(int), bins - 1)
+    rows, ece = [], 0.0
+    for b in range(bins):
+        mine = which == b
+        if mine.any():
+            mean, share = float(np.mean(scores[mine])), float(np.mean(right[mine]))
+            ece += float(mine.mean()) * abs(mean - share)
+            rows.append({"count": int(mine.sum()), "mean_score": mean, "share_right": share})
+    return {"ece": ece, "bins": rows}

@@ -44,7 +44,7 @@ class Perception:
         """
         torch.set_num_threads(1)  # more do not help at this size, and workers run side by side
         network = load_weights(weights or weights_path(workpiece), workpiece)
-        return Perception(workpiece, network, config or RefineConfig.model_validate({}), ScoreModel.load(workpiece))
+        return Perception(workpiece, network, config or RefineConfig.model_validate({}), _score_model(workpiece))
 
     def perceive(self, frame: DepthFrame, bin: Bin, rng: np.random.Generator) -> RefineResult:
         """Verified estimates and the network's raw poses; `rng` chooses the voting points."""
@@ -73,6 +73,11 @@ class Perception:
             prediction.rotations.numpy().astype(np.float64),
             prediction.cad.numpy() if prediction.cad is not None else None,
         )
+
+
+def _score_model(workpiece: Workpiece) -> ScoreModel | None:
+    path = workpiece.folder / "score.json"
+    return ScoreModel.load(path) if path.is_file() else None
 
 
 __all__ = ["Perception", "PoseEstimate", "RefineResult"]

@@ -84,7 +84,7 @@ def refine(
         clock.lap("hypotheses")
         hypotheses = _register(hypotheses, scene, shape, config)
         clock.lap("icp")
-        estimates = _verify(hypotheses, places, scene, shape, config, score_model or ScoreModel())
+        estimates = _verify(hypotheses, votes, places, scene, shape, config, score_model or ScoreModel())
         clock.lap("verify")
     return RefineResult(estimates, raw, clock.seconds)
 
@@ -101,6 +101,7 @@ def _register(hypotheses: Hypotheses, scene: SurfaceMap, shape: ShapeModel, conf
 
 def _verify(
     hypotheses: Hypotheses,
+    votes: Votes,
     places: Places,
     scene: SurfaceMap,
     shape: ShapeModel,
@@ -115,7 +116,7 @@ def _verify(
         return []
     kept = hypotheses.select(plausible)
     R, t = register(kept.rotations, kept.positions, scene, shape, LAST)
-    evidence = examine(R, t, scene, shape, rules)
+    evidence = examine(R, t, scene, shape, rules, votes)
     scores = score_model.score(evidence.features(inlier_tolerance(scene, rules)))
     shared, overlap = claims(R, t, scene, shape, rules)
     order = np.argsort(-evidence.quality(), kind="stable")

@@ -19,6 +19,10 @@ from perception.agreement import compare
 from perception.calibration import FEATURES
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
+from perception.votes import Votes
+
+CENTRE_AGREES, ROTATION_AGREES = 0.2, 0.15
+"""Distances in units within which a vote counts as for a pose."""
 
 Floats = NDArray[np.float64]
 
@@ -50,6 +54,8 @@ class Evidence:
         residual: root mean square distance of the inliers, in units.
         facing: mean cosine of the normals of inliers.
         area: of the inliers in the image, relative to the largest outline of the part.
+        votes: number of voting points on the surface of the pose.
+        centres_agree, rotations_agree: share of these that predicted its centre, and its rotation.
     """
 
     inliers: Floats
@@ -61,6 +67,9 @@ class Evidence:
     residual: Floats
     facing: Floats
     area: Floats
+    votes: Floats
+    centres_agree: Floats
+    rotations_agree: Floats
 
     def features(self, tolerance: float) -> Floats:
         """Inputs (h, len(FEATURES)) of the calibration, in the order of FEATURES."""
@@ -73,6 +82,9 @@ class Evidence:
             "beside": self.beside,
             "residual": self.residual / tolerance,
             "facing": 1.0 - self.facing,
+            "log_votes": np.log1p(self.votes),
+            "centres_agree": self.centres_agree,
+            "rotations_agree": self.rotations_agree,
         }
         return np.stack([columns[name] for name in FEATURES], -1)
 
@@ -86,9 +98,12 @@ def inlier_tolerance(scene: SurfaceMap, config: VerifyConfig) -> float:
     return config.sigmas * scene.sigma + config.tolerance
 
 
-def examine(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig) -> Evidence:
-    """Compare poses R (h, 3, 3), t (h, 3) with the depth image."""
+def examine(
+    R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig, votes: Votes | None = None
+) -> Evidence:
+    """Compare poses R (h, 3, 3), t (h, 3) with the depth image, and with the votes on their surface."""
     tolerance = inlier_tolerance(scene, config)
+    n_votes, centres_agree, rotations_agree = _support(R, t, shape, 2 * tolerance, votes)
     a = compare(R, t, scene, shape, config.points)
     claimed = a.facing_camera.sum(1).clamp(min=1).double()
     on = a.measured & (a.distance.abs() < tolerance) & a.facing_camera
@@ -118,7 +133,32 @@ def examine(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, config: 
         residual=np.asarray(square.sqrt().numpy()),
         facing=np.asarray(cosine.numpy()),
         area=np.asarray((n_in / claimed * view_area).numpy()),
+        votes=n_votes,
+        centres_agree=centres_agree,
+        rotations_agree=rotations_agree,
     )
+
+
+def _support(
+    R: Tensor, t: Tensor, shape: ShapeModel, tolerance: float, votes: Votes | None
+) -> tuple[Floats, Floats, Floats]:
+    """Votes (h,) within `tolerance` of the surface of each pose, and the shares (h,) that predicted its centre and
+    rotation to CENTRE_AGREES and ROTATION_AGREES."""
+    h = len(R)
+    if votes is None or len(votes) == 0:
+        return np.zeros(h), np.zeros(h), np.zeros(h)
+    points, centres = (torch.from_numpy(x.astype(np.float32)) for x in (votes.points, votes.centres))
+    in_part = torch.matmul(points[None] - t[:, None], R)
+    on = shape.field.look_up(in_part)[0].abs() < tolerance
+    n = on.sum(1).double()
+    near = torch.cdist(t, centres, compute_mode="donot_use_mm_for_euclid_dist") < CENTRE_AGREES
+    predicted = torch.from_numpy(shape.embed(votes.rotations).astype(np.float32))
+    turned = torch.zeros_like(near)
+    for s in shape.symmetry.S:
+        own = torch.from_numpy(shape.embed(R.double().numpy() @ s).astype(np.float32))
+        turned |= torch.cdist(own, predicted, compute_mode="donot_use_mm_for_euclid_dist") < ROTATION_AGREES
+    share = [np.asarray(((on & agrees).sum(1) / n.clamp(min=1)).numpy()) for agrees in (near, turned & near)]
+    return np.asarray(n.numpy()), share[0], share[1]
 
 
 def claims(

@@ -6,9 +6,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import pybullet
 from numpy.typing import ArrayLike
 
+from cell._pybullet import pybullet
 from cell.errors import InputError, SimulationError
 from cell.frames import Array, from_quat_xyzw, to_quat_xyzw
 from cell.gripper import Gripper

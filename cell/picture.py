@@ -6,8 +6,8 @@ import colorsys
 from collections.abc import Sequence
 
 import numpy as np
-import pybullet
 
+from cell._pybullet import pybullet
 from cell.world import World
 
 BACKGROUND = (0.93, 0.94, 0.96)

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pybullet
-from pybullet_utils.bullet_client import BulletClient
 from scipy.spatial.transform import Rotation
 
+from cell._pybullet import connect, pybullet
 from cell.bin import Bin, Box
 from cell.errors import SimulationError
 from cell.frames import Array, from_quat_xyzw, invert, make_transform, to_quat_xyzw
@@ -48,8 +47,7 @@ class World:
 
     def __init__(self, dt: float = TIMESTEP, solver_iterations: int = 50) -> None:
         self.dt = dt
-        self.client: Any = BulletClient(connection_mode=pybullet.DIRECT)
-        self.client.resetSimulation()
+        self.client: Any = connect()
         self.client.setGravity(0, 0, -GRAVITY)
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=dt,

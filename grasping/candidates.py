@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
+from pydantic import Field
 
 from cell.bin import Bin
+from cell.config import Config
 from cell.frames import Array
 from cell.gripper import Gripper
 from cell.workpiece import Workpiece
@@ -22,15 +23,15 @@ PER_ESTIMATE = 8
 """Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
 
 
-class Weights(Protocol):
-    """Weights of the ranking; each term is in [0, 1]."""
+class GraspingConfig(Config):
+    """Weights of the ranking of grasp candidates; each term is in [0, 1]."""
 
-    weight_score: float
-    weight_height: float
-    weight_upright: float
-    weight_priority: float
-    weight_clearance: float
-    max_candidates: int
+    weight_score: float = Field(default=1.0, ge=0, description="of the estimate's score")
+    weight_height: float = Field(default=1.0, ge=0, description="of the workpiece's height in the heap")
+    weight_upright: float = Field(default=0.5, ge=0, description="of an approach from above")
+    weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
+    weight_clearance: float = Field(default=0.5, ge=0, description="of the wanted depth, near the grasp point's centre")
+    max_candidates: int = Field(default=40, ge=1, le=1000, description="candidates handed on to planning, best first")
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class Selection:
     """Candidates, best first, and for every estimate how many poses of which grasp were ruled out by what.
 
     Attributes:
-        ruled_out: estimate -> grasp name -> reason -> count; reasons are `avoided`, `tilt`, `gripper_bin`, `gripper_heap`,
-            `outranked`.
+        ruled_out: estimate -> grasp name -> reason -> count; reasons are `avoided`, `tilt`, `gripper_bin`,
+            `gripper_heap`, `outranked`.
     """
 
     candidates: list[GraspCandidate]
@@ -77,7 +78,7 @@ def select(
     gripper: Gripper,
     bin: Bin,
     scene_points: Array,
-    weights: Weights,
+    weights: GraspingConfig,
 ) -> Selection:
     """Candidates of all estimates, checked for room and ranked.
 

@@ -46,8 +46,8 @@ class Slide(Config):
 class GraspPoint(Config):
     """One entry of grasps.yaml; vectors and [m] in the CAD frame.
 
-    The tool pose is given by `centre` (between the pads), `approach` (tool z) and `closing` (tool x); the tip ends (TCP)
-    go `depth` past the centre along the approach, the first depth for which there is room.
+    The tool pose is given by `centre` (between the pads), `approach` (tool z) and `closing` (tool x); the tip ends
+    (TCP) go `depth` past the centre along the approach, the first depth for which there is room.
     """
 
     name: str
@@ -132,7 +132,11 @@ def opening(point: GraspPoint) -> float:
 
 def expand(points: tuple[GraspPoint, ...], workpiece: Workpiece) -> GraspPoses:
     """All tool poses of the enabled grasp points over symmetry, slides, depths, rotations and flips."""
-    index, Ts, openings, ranks, offsets = [], [], [], [], []
+    index: list[int] = []
+    Ts: list[Array] = []
+    openings: list[float] = []
+    ranks: list[int] = []
+    offsets: list[float] = []
     for i, point in enumerate(points):
         if not point.enabled:
             continue

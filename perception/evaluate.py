@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -21,7 +22,8 @@ from cell.workpiece import Workpiece, load_workpiece
 from perception.calibration import reliability
 from perception.estimate import Perception
 from perception.metrics import FrameScore, score_frame, summarise, visible_instances
-from perception.overlay import draw_frames
+from perception.overlay import Pictured, draw_frames
+from perception.pose_estimate import PoseEstimate
 from perception.refine import RefineResult
 from perception.scenes import HELD_OUT_SEED, heap_bin, load_heaps, overhead_view, render_heap
 from perception.weights import file_hash, weights_path, weights_record
@@ -41,6 +43,11 @@ class Frame:
     result: RefineResult
     raw: FrameScore
     refined: FrameScore
+
+    @property
+    def pictured(self) -> Pictured:
+        """What the overlay draws."""
+        return self.frame, self.Ts_camera_part, self.counted, self.result.estimates, self.refined.matched
 
 
 def evaluate_frames(perception: Perception, heaps: list[Array], sensor: SensorConfig) -> Iterator[Frame]:
@@ -62,18 +69,17 @@ def evaluate_frames(perception: Perception, heaps: list[Array], sensor: SensorCo
         yield Frame(frame, truth, counted, result, raw, refined)
 
 
-def _poses(estimates: list) -> Array:  # type: ignore[type-arg]
+def _poses(estimates: list[PoseEstimate]) -> Array:
     return np.stack([e.T_camera_part for e in estimates]) if estimates else np.zeros((0, 4, 4))
 
 
 def report_of(frames: list[Frame]) -> dict[str, object]:
     """Figures of both methods as evaluation.json holds them; shares in per cent."""
     methods: dict[str, object] = {}
-    stages: dict[str, list[float]] = {}
+    means: dict[str, float] = {}
     for frame in frames:
-        for stage, seconds in frame.result.seconds.items():
-            stages.setdefault(stage, []).append(seconds)
-    means = {stage: float(np.sum(seconds) / len(frames)) for stage, seconds in stages.items()}
+        for stage, t in frame.result.seconds.items():
+            means[stage] = means.get(stage, 0.0) + t / len(frames)
     raw_stages = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
     for name, scores, seconds in (
         ("ps6d", [f.raw for f in frames], raw_stages),
@@ -87,7 +93,7 @@ def report_of(frames: list[Frame]) -> dict[str, object]:
             "median_mm": s.median_mm,
             "median_deg": s.median_deg,
             "frames": s.frames,
-            "seconds_per_frame": {**seconds, "total": sum(seconds.values())},
+            "seconds_per_frame": seconds | {"total": sum(seconds.values())},
         }
     return methods
 
@@ -119,9 +125,8 @@ def main_evaluate(args: argparse.Namespace) -> int:
     frames: list[Frame] = []
     with Progress(*columns, console=console) as bar:
         settling = bar.add_task("settling heaps", total=args.frames)
-        heaps = load_heaps(
-            workpiece, HELD_OUT_SEED + args.seed, args.frames, HEAPS_FOLDER, 1, lambda n: bar.update(settling, completed=n)
-        )
+        first = HELD_OUT_SEED + args.seed
+        heaps = load_heaps(workpiece, first, args.frames, HEAPS_FOLDER, 1, lambda n: bar.update(settling, completed=n))
         task = bar.add_task("evaluating", total=args.frames)
         for frame in evaluate_frames(perception, heaps, sensor):
             frames.append(frame)
@@ -140,11 +145,7 @@ def main_evaluate(args: argparse.Namespace) -> int:
     }
     (out / "evaluation.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     worst = sorted(range(len(frames)), key=lambda i: _f1(frames[i].refined))[:PICTURED]
-    draw_frames(
-        [(frames[i].frame, frames[i].Ts_camera_part, frames[i].counted, frames[i].result.estimates, frames[i].refined.matched)
-         for i in worst],
-        workpiece, out / "evaluation.png",
-    )  # fmt: skip
+    draw_frames([frames[i].pictured for i in worst], workpiece, out / "evaluation.png")
     _print(console, workpiece, data)
     console.print(f"wrote {out / 'evaluation.json'} and {out / 'evaluation.png'} (the {len(worst)} worst frames)")
     return 0
@@ -154,7 +155,7 @@ def _f1(score: FrameScore) -> float:
     return 2 * score.true_positives / max(score.n_pred + score.n_gt, 1)
 
 
-def _print(console: Console, workpiece: Workpiece, data: dict) -> None:  # type: ignore[type-arg]
+def _print(console: Console, workpiece: Workpiece, data: dict[str, Any]) -> None:
     table = Table(title=f"{workpiece.name}: held-out heaps, T_e = {data['tolerance_mm']:g} mm")
     columns = ("f1_inst", "recall", "precision", "median_mm", "median_deg")
     for column in ("method", *columns, "s/frame"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -26,7 +26,8 @@ class HypothesisConfig(Config):
     slides: int = Field(0, ge=0, description="shifts by 0.1 units each way along the long axis (slender parts)")
     keep: int = Field(6, ge=1, description="hypotheses of a place that go into coarse ICP")
     tolerance: float = Field(0.07, gt=0, description="of the score before ICP, in units")
-    points: int = Field(64, ge=8, description="CAD points of that score")
+    points: int = Field(96, ge=8, description="CAD points of that score")
+    screen_points: int = Field(24, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
     apart: float = Field(0.06, ge=0, description="two hypotheses of a place nearer than this, in units, are one")
 
 
@@ -106,9 +107,19 @@ def propose(
         t, place = np.repeat(t, len(near), axis=0), np.repeat(place, len(near))
     R, t, place = _slide(R, t, place, shape, config.slides)
     Rs, ts = torch.from_numpy(R.astype(np.float32)), torch.from_numpy(t.astype(np.float32))
-    scores = soft_score(Rs, ts, scene, shape, config.points, config.tolerance).numpy()
-    every = Hypotheses(Rs, ts, place, scores)
-    return every.select(best_of_each_place(every, shape, config.keep, config.apart))
+    scores = soft_score(Rs, ts, scene, shape, config.screen_points, config.tolerance).numpy()
+    screened = Hypotheses(Rs, ts, place, scores)
+    screened = screened.select(_top(place, scores, 4 * config.keep))
+    scores = soft_score(screened.rotations, screened.positions, scene, shape, config.points, config.tolerance).numpy()
+    scored = replace(screened, scores=scores)
+    return scored.select(best_of_each_place(scored, shape, config.keep, config.apart))
+
+
+def _top(places: np.ndarray, scores: np.ndarray, keep: int) -> np.ndarray:
+    """Indices of the `keep` best scores of each place."""
+    order = np.lexsort((-scores, places))
+    first = np.searchsorted(places[order], places[order], side="left")
+    return np.asarray(order[np.arange(len(order)) - first < keep])
 
 
 def best_of_each_place(hypotheses: Hypotheses, shape: ShapeModel, keep: int, apart: float) -> np.ndarray:

@@ -51,6 +51,8 @@ LAST = (
     IcpStage(5.0, 2, 384, in_sigmas=True),
 )
 RIM_STEPS = 15
+RIM_COARSE, RIM_STRIDE_COARSE = 0.1, 2
+"""Searches wider than the first use every second outline point."""
 RIM_DROP = 0.35
 """Step in depth that ends a surface, in thicknesses of the part."""
 RIM_WEIGHT = 0.3
@@ -111,7 +113,8 @@ def _rim_terms(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage
     normals: Harris and Stennett, RAPID, 1990.)
     """
     view = shape.view_of(R, t)
-    rim, outward = shape.rim.index_select(0, view), shape.rim_outward.index_select(0, view)
+    stride = RIM_STRIDE_COARSE if stage.rim > RIM_COARSE else 1
+    rim, outward = shape.rim[:, ::stride].index_select(0, view), shape.rim_outward[:, ::stride].index_select(0, view)
     Rt = R.transpose(1, 2)
     points, direction = torch.baddbmm(t[:, None], rim, Rt), torch.bmm(outward, Rt)
     s = torch.linspace(-stage.rim, stage.rim, RIM_STEPS)

@@ -91,7 +91,12 @@ def centre_distance_weights(points: Tensor, centres: Tensor, instance: Tensor) -
 
 
 def ps6d_loss(
-    prediction: Prediction, target: Target, model: SymmetricModel, w_r: float = 1.0, w_t: float = 1.0, w_cad: float = 1.0
+    prediction: Prediction,
+    target: Target,
+    model: SymmetricModel,
+    w_r: float = 1.0,
+    w_t: float = 1.0,
+    w_cad: float = 1.0,
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """W_r L_r + W_t L_t (+ the CAD-coordinate loss when that head exists); the parts are returned for the curves."""
     rotation = rotation_loss(prediction.rotations, target.rotations, model).mean()

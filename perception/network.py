@@ -122,9 +122,8 @@ def quaternion_to_matrix(quat_xyzw: Tensor) -> Tensor:
 
 def _turn(frames: Tensor, vectors: Tensor) -> Tensor:
     """F^T v element-wise, frames (n, 1, 3, 3) or (n, k, 3, 3) and vectors (n, k, 3); batched matmul is far slower."""
-    return (
-        frames[..., 0, :] * vectors[..., 0:1] + frames[..., 1, :] * vectors[..., 1:2] + frames[..., 2, :] * vectors[..., 2:3]
-    )
+    x, y, z = vectors[..., 0:1], vectors[..., 1:2], vectors[..., 2:3]
+    return frames[..., 0, :] * x + frames[..., 1, :] * y + frames[..., 2, :] * z
 
 
 def relative_geometry(centre: PackedLevel, other: PackedLevel, index: Tensor, scale: float, local: bool) -> Tensor:
@@ -211,7 +210,7 @@ class FeaturePropagation(nn.Module):
 class Ps6d(nn.Module):
     """The network; about 0.6 M parameters."""
 
-    def __init__(self, config: NetworkConfig = NetworkConfig()) -> None:  # noqa: B008  frozen
+    def __init__(self, config: NetworkConfig = NetworkConfig()) -> None:
         super().__init__()
         self.config = config
         g = 12 if config.local_frames else 3

@@ -67,7 +67,12 @@ def _settle_named(name: str, seed: int) -> Array:
 
 
 def load_heaps(
-    workpiece: Workpiece, first_seed: int, count: int, folder: Path, workers: int, tick: Callable[[int], None] = lambda _: None
+    workpiece: Workpiece,
+    first_seed: int,
+    count: int,
+    folder: Path,
+    workers: int,
+    tick: Callable[[int], None] = lambda _: None,
 ) -> list[Array]:
     """Heaps of seeds first_seed .. first_seed + count - 1, from `folder` where stored, else settled and stored.
 
@@ -88,13 +93,20 @@ def load_heaps(
     tick(count - len(missing))
     if missing:
         with ProcessPoolExecutor(max(workers, 1), mp_context=get_context("spawn")) as pool:
-            for seed, poses in zip(missing, pool.map(_settle_named, [workpiece.name] * len(missing), missing), strict=True):
+            settled = pool.map(_settle_named, [workpiece.name] * len(missing), missing)
+            for seed, poses in zip(missing, settled, strict=True):
                 known[str(seed)] = poses
                 tick(sum(str(s) in known for s in seeds))
                 if len(known) % 20 == 0:
-                    np.savez_compressed(path, **known)
-        np.savez_compressed(path, **known)
+                    _store(path, known)
+        _store(path, known)
     return [known[str(seed)] for seed in seeds]
+
+
+def _store(path: Path, known: dict[str, Array]) -> None:
+    part = path.with_suffix(".part.npz")  # a run that is killed while it writes leaves the old file whole
+    np.savez_compressed(part, allow_pickle=False, **known)
+    part.replace(path)
 
 
 def random_view(workpiece: Workpiece, rng: np.random.Generator) -> View:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from torch import Tensor
 
 from cell.errors import InputError
@@ -149,7 +149,7 @@ def train(workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, co
     model = SymmetricModel.of(cad_points(workpiece, MODEL_POINTS), workpiece.symmetry).to(device)
 
     folder = Path("out") / "heaps"
-    with Progress(TextColumn("settling heaps"), BarColumn(), TextColumn("{task.completed}/{task.total}"), console=console) as bar:
+    with Progress(TextColumn("settling heaps"), BarColumn(), MofNCompleteColumn(), console=console) as bar:
         task = bar.add_task("", total=config.heaps + 16)
         tick = lambda offset: lambda n: bar.update(task, completed=offset + n)  # noqa: E731
         held = load_heaps(workpiece, VALIDATION_SEED, 16, folder, os.cpu_count() or 1, tick(0))
@@ -202,7 +202,8 @@ def train(workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, co
                     f"{before + clouds} clouds, {seconds / 60:.1f} min: centre {scores['centre']:.3f}, rotation "
                     f"{scores['rotation']:.3f} units, voting points right {100 * scores['right']:.1f} %"
                 )
-            bar.update(task, completed=done, description=f"{workpiece.name} {before + clouds} clouds, loss {loss.item():.3f}")
+            shown = f"{workpiece.name} {before + clouds} clouds, loss {loss.item():.3f}"
+            bar.update(task, completed=done, description=shown)
     source.close()  # type: ignore[attr-defined]
     samples.close()  # type: ignore[attr-defined]
     return out / "ps6d.safetensors"
@@ -232,13 +233,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof train`."""
     d = TrainConfig()
     parser.add_argument("workpiece")
-    parser.add_argument("--minutes", type=float, default=d.minutes, help=f"stop after this time (default {d.minutes:g})")
+    parser.add_argument("--minutes", type=float, default=d.minutes, help=f"stop after these (default {d.minutes:g})")
     parser.add_argument("--clouds", type=int, default=d.clouds, help="stop after this many clouds")
     parser.add_argument("--heaps", type=int, default=d.heaps, help=f"settled heaps to train on (default {d.heaps})")
     parser.add_argument("--batch", type=int, default=d.batch, help=f"clouds a step (default {d.batch})")
     parser.add_argument("--reuse", type=int, default=d.reuse, help="times a rendered cloud is used")
     parser.add_argument("--lr", type=float, default=d.learning_rate, help="peak learning rate")
-    parser.add_argument("--loaders", type=int, default=d.loaders, help="processes that render (0: none beside this one)")
+    parser.add_argument("--loaders", type=int, default=d.loaders, help="rendering processes (0: in this one)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--plain", action="store_true", help="without local frames and CAD-coordinate head (ablation)")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in the output folder")

@@ -9,7 +9,6 @@ from functools import lru_cache
 import numpy as np
 
 from cell.camera import DepthFrame
-from cell.errors import SimulationError
 from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
 from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
@@ -54,7 +53,8 @@ def _pick_until_end(
         on_attempt(record)
         attempts += 1
         picked += record.success
-        failures = failures + 1 if record.moved and not record.success else 0 if record.success else failures
+        if record.moved:
+            failures = 0 if record.success else failures + 1
         no_picks = 0 if record.moved else no_picks + 1
         if no_picks:
             memory.failed.clear()  # what was left alone may be all there is
@@ -93,6 +93,3 @@ def ps6d(workpiece: str) -> Perceive:
         return Estimates(Ts, np.array([e.score for e in good]))
 
     return perceive
-
-
-__all__ = ["SimulationError", "run_episode"]

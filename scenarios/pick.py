@@ -251,7 +251,7 @@ def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
 
 
 def scan_heights(cell: Workcell, frame: DepthFrame) -> HeightField:
-    """Highest measured point of every cell of a grid over the source bin; the bin's floor where nothing was measured."""
+    """Highest measured point of every cell of a grid over the source bin; its floor where nothing was measured."""
     lx, ly, _ = cell.source.inner
     local = apply(invert(cell.source.T_world_bin), scene_points(cell, frame))
     nx, ny = int(lx / GRID) + 1, int(ly / GRID) + 1
@@ -268,12 +268,10 @@ def decision_tree(estimates: Estimates, selection: Selection, decision: Decision
     tree: list[dict[str, Any]] = []
     for k, (T, score) in enumerate(zip(estimates.Ts_world_part, estimates.scores, strict=True)):
         position = [round(float(x), 5) for x in T[:3, 3]]
-        tree.append({"score": float(score), "position": position, "ruled_out": selection.ruled_out[k], "candidates": []})
+        ruled_out = selection.ruled_out[k]
+        tree.append({"score": float(score), "position": position, "ruled_out": ruled_out, "candidates": []})
     for i, candidate in enumerate(selection.candidates):
-        if candidate is decision.candidate:
-            verdict = "chosen"
-        else:
-            verdict = decision.refused.get(i, "outranked")
+        verdict = "chosen" if candidate is decision.candidate else decision.refused.get(i, "outranked")
         tree[candidate.estimate]["candidates"].append(
             {"grasp": candidate.point.name, "rank": candidate.rank, "terms": candidate.terms, "verdict": verdict}
         )

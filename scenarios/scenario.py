@@ -22,6 +22,7 @@ from cell.errors import InputError
 from cell.frames import Array
 from cell.sensor import SensorConfig
 from cell.workpiece import list_workpieces, search_path
+from grasping.candidates import GraspingConfig
 
 SHIPPED = Path(__file__).resolve().parent
 Triple = tuple[float, float, float]
@@ -97,17 +98,6 @@ class PerceptionConfig(Config):
         default=0.5, ge=0, le=1, description="calibrated score below which an estimate is rejected"
     )
     max_estimates: int = Field(default=12, ge=1, le=200, description="estimates handed on, best first")
-
-
-class GraspingConfig(Config):
-    """Weights of the ranking of grasp candidates; each term is in [0, 1]."""
-
-    weight_score: float = Field(default=1.0, ge=0, description="of the estimate's score")
-    weight_height: float = Field(default=1.0, ge=0, description="of the workpiece's height in the heap")
-    weight_upright: float = Field(default=0.5, ge=0, description="of an approach from above")
-    weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
-    weight_clearance: float = Field(default=0.5, ge=0, description="of the clearance to scene and bin")
-    max_candidates: int = Field(default=40, ge=1, le=1000, description="candidates handed on to planning, best first")
 
 
 class LimitsConfig(Config):

@@ -100,7 +100,7 @@ class Arm:
         for finger in self._fingers:
             self.world.client.resetJointState(self.body, finger, half, 0.0)
         self.command(q)
-        self.drive_jaws(self.gripper.speed)
+        self.hold_jaws(2 * half)
 
     def command(self, q: ArrayLike) -> None:
         """Set the servo's target (n,) [rad] for the next step.

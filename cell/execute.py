@@ -16,6 +16,7 @@ from cell.world import World
 
 HELD_FORCE = 0.5  # [N] of each finger on a workpiece that counts as held
 STILL = 2e-3  # [m/s] finger speed under which the jaws have stopped
+DOZE_EVERY = 48  # steps between looks for workpieces that have come to rest and can sleep
 MAX_ERROR = 0.1  # [rad] tracking error under which the servo's state can be trusted
 
 
@@ -87,7 +88,7 @@ def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -
     log = MotionLog()
     for row in np.atleast_2d(q):
         arm.command(row)
-        world.step()
+        _step(world)
         error = float(np.abs(arm.q - row).max())
         log.max_error = max(log.max_error, error)
         _watch(world, arm, log)
@@ -121,7 +122,7 @@ def wait(world: World, arm: Arm, seconds: float) -> MotionLog:
     """Let time pass with the arm and the jaws as commanded last."""
     log = MotionLog()
     for _ in range(round(seconds / world.dt)):
-        world.step()
+        _step(world)
         _watch(world, arm, log)
     return log
 
@@ -142,10 +143,16 @@ def held_parts(world: World, arm: Arm) -> tuple[int, ...]:
     return tuple(i for i, body in enumerate(world.parts) if body in held)
 
 
+def _step(world: World) -> None:
+    world.step()
+    if world.steps % DOZE_EVERY == 0:
+        world.doze()
+
+
 def _until_still(world: World, arm: Arm, timeout: float, settle: float) -> MotionLog:
     log, still = MotionLog(), 0.0
     while log.time < timeout and still < settle:
-        world.step()
+        _step(world)
         log.time += world.dt
         _watch(world, arm, log, counted=False)
         slow = max(abs(v) for v in arm.finger_speeds) < STILL

@@ -62,6 +62,7 @@ class World:
         self.parts: list[int] = []
         self._T_part_inertial: list[Array] = []
         self._names: dict[int, str] = {}
+        self._quiet = np.zeros(0, dtype=bool)
 
     @property
     def time(self) -> float:
@@ -213,6 +214,17 @@ class World:
         """Put every workpiece to sleep where it lies."""
         for body in self.parts:
             self.client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
+
+    def doze(self) -> None:
+        """Put workpieces to sleep that are at rest now and were at the last call; call it every 100 ms or so.
+
+        Bullet wakes in the next step those whose pile touches anything that moves, the fingers for one.
+        """
+        quiet = self.at_rest()
+        if len(self._quiet) == len(quiet):
+            for i in np.flatnonzero(quiet & self._quiet):
+                self.client.changeDynamics(self.parts[i], -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
+        self._quiet = quiet
 
 
 def random_pose(centre: Sequence[float], half_span: tuple[float, float], rng: np.random.Generator) -> Array:

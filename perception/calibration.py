@@ -39,8 +39,8 @@ class ScoreModel:
         bias: the constant.
     """
 
-    weights: tuple[float, ...] = (-14.0, -6.0, 1.5, 0.8, -1.0, -6.0, -1.5, -4.0, 0.5, 2.0, 2.0)
-    bias: float = 4.0
+    weights: tuple[float, ...] = (-26.02, -6.937, 1.753, 0.1237, -2.805, -127.3, 1.34, 38.11, 0.8363, -1.483, 9.166)
+    bias: float = 1.359
 
     def score(self, features: Floats) -> Floats:
         """Scores (h,) in [0, 1] of features (h, len(FEATURES))."""

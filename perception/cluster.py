@@ -54,6 +54,13 @@ class Modes:
     labels: Ints
 
 
+    @staticmethod
+    def none(votes: int) -> Modes:
+        """No modes among `votes` votes."""
+        empty = np.zeros(0, dtype=np.int64)
+        return Modes(np.zeros((0, 3)), np.zeros((0, 3, 3)), empty, np.full(votes, -1, dtype=np.int64))
+
+
 @dataclass(frozen=True)
 class Categories:
     """Instances after stage 2 and pose voting, most votes first.
@@ -69,6 +76,12 @@ class Categories:
     counts: Ints
     errors: Floats
     of_mode: Ints
+
+    @staticmethod
+    def none() -> Categories:
+        """No categories."""
+        empty = np.zeros(0, dtype=np.int64)
+        return Categories(np.zeros((0, 3)), np.zeros((0, 3, 3)), empty, np.zeros(0), empty)
 
 
 def cluster(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> tuple[Modes, Categories]:

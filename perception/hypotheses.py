@@ -21,10 +21,12 @@ class HypothesisConfig(Config):
 
     place_bandwidth: float = Field(0.12, gt=0, description="of the search for places by position alone, in units")
     min_votes_place: int = Field(4, ge=1, description="fewest votes of such a place")
+    max_places: int = Field(80, ge=1, description="places tried, those with most votes")
     votes_per_place: int = Field(12, ge=0, description="single predicted rotations tried at each place")
     near_symmetries: bool = Field(True, description="turn each hypothesis by the near symmetries of the CAD")
     slides: int = Field(0, ge=0, description="shifts by 0.1 units each way along the long axis (slender parts)")
     keep: int = Field(6, ge=1, description="hypotheses of a place that go into coarse ICP")
+    keep_after_coarse: int = Field(3, ge=1, description="hypotheses of a place that go into fine ICP")
     tolerance: float = Field(0.07, gt=0, description="of the score before ICP, in units")
     points: int = Field(96, ge=8, description="CAD points of that score")
     screen_points: int = Field(24, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
@@ -77,7 +79,8 @@ def find_places(votes: Votes, modes: Modes, categories: Categories, config: Hypo
         new = count >= config.min_votes_place
         if len(positions):
             new &= _distances(positions, peaks).min(0) > 0.8 * reach
-        positions = np.concatenate([positions, peaks[new]])
+        best_first = np.flatnonzero(new)[np.argsort(-count[new], kind="stable")]
+        positions = np.concatenate([positions, peaks[best_first[: max(0, config.max_places - len(positions))]]])
     if len(positions) == 0:
         none = np.zeros(0, dtype=np.int64)
         return Places(positions, none, np.full(len(votes), -1), np.full(len(modes.counts), -1))

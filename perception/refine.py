@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from pydantic import Field
-from torch import Tensor
 
 from cell.camera import DepthFrame
 from cell.config import Config
@@ -16,13 +15,13 @@ from cell.frames import make_transform
 from cell.workpiece import Workpiece
 from perception.agreement import soft_score
 from perception.calibration import ScoreModel
-from perception.cluster import Categories, ClusterConfig, cluster, nearest_rotations
-from perception.hypotheses import Hypotheses, HypothesisConfig, Places, best_of_each_place, find_places, propose
+from perception.cluster import Categories, ClusterConfig, Modes, cluster, nearest_rotations
+from perception.hypotheses import HypothesisConfig, best_of_each_place, find_places, propose
 from perception.icp import COARSE, FINE, LAST, register
 from perception.pose_estimate import PoseEstimate
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
-from perception.verify import VerifyConfig, claims, examine, inlier_tolerance, suppress
+from perception.verify import Claims, VerifyConfig, examine, inlier_tolerance, on_surface, settle
 from perception.votes import Votes
 
 
@@ -32,7 +31,10 @@ class RefineConfig(Config):
     cluster: ClusterConfig = ClusterConfig()
     hypotheses: HypothesisConfig = HypothesisConfig()
     verify: VerifyConfig = VerifyConfig()
-    keep_after_coarse: int = Field(3, ge=1, description="hypotheses of a place that go into fine ICP")
+    second_round: bool = Field(True, description="search again among the votes that no accepted pose explains")
+    hypotheses_second: HypothesisConfig = HypothesisConfig(
+        votes_per_place=40, keep=12, keep_after_coarse=4, max_places=16, min_votes_place=5
+    )
     depth_sigma: float = Field(1.2e-4, ge=0, description="[m] standard deviation of a measured depth")
 
 
@@ -67,71 +69,75 @@ def refine(
         score_model: calibration of this workpiece; None for the default.
     """
     shape = ShapeModel.of(workpiece)
+    score_model = score_model or ScoreModel()
     clock = _Clock()
     votes = votes.finite()
     modes, categories = cluster(votes, shape, config.cluster)
-    clock.lap("cluster")
     raw = _raw_estimates(categories, shape, len(votes))
-    places = find_places(votes, modes, categories, config.hypotheses)
-    if len(places.positions) == 0:
-        return RefineResult([], raw, clock.seconds)
+    clock.lap("cluster")
     with torch.no_grad():
         scene = SurfaceMap.of(frame, shape.unit, config.depth_sigma, roi)
-        clustered = votes.select(places.of_vote >= 0)
-        scene = scene.with_centres(clustered.points, clustered.centres)
         clock.lap("surface")
-        hypotheses = propose(votes, modes, categories, places, scene, shape, config.hypotheses)
-        clock.lap("hypotheses")
-        hypotheses = _register(hypotheses, scene, shape, config)
-        clock.lap("icp")
-        estimates = _verify(hypotheses, votes, places, scene, shape, config, score_model or ScoreModel())
+        claims = _search(votes, votes, modes, categories, scene, shape, config, config.hypotheses, score_model, clock)
+        winners = settle(claims, scene, shape, config.verify)
         clock.lap("verify")
-    return RefineResult(estimates, raw, clock.seconds)
+        if config.second_round:
+            # what the winners explain is done; each place among the votes left over gets a longer search
+            left = votes.select(~on_surface(votes.points, winners, scene, shape, config.verify))
+            nothing = Modes.none(len(left)), Categories.none()
+            again = _search(left, votes, *nothing, scene, shape, config, config.hypotheses_second, score_model, clock)
+            if len(again):
+                winners = settle(claims.join(again), scene, shape, config.verify)
+            clock.lap("verify")
+    return RefineResult(_estimates(winners, shape), raw, clock.seconds)
 
 
-def _register(hypotheses: Hypotheses, scene: SurfaceMap, shape: ShapeModel, config: RefineConfig) -> Hypotheses:
-    """Coarse ICP of all, fine ICP of the best of each place."""
-    R, t = register(hypotheses.rotations, hypotheses.positions, scene, shape, COARSE)
-    scores = soft_score(R, t, scene, shape, 128, 0.03).numpy()
-    coarse = replace(hypotheses, rotations=R, positions=t, scores=scores)
-    kept = coarse.select(best_of_each_place(coarse, shape, config.keep_after_coarse, 0.03))
-    R, t = register(kept.rotations, kept.positions, scene, shape, FINE)
-    return replace(kept, rotations=R, positions=t)
-
-
-def _verify(
-    hypotheses: Hypotheses,
+def _search(
     votes: Votes,
-    places: Places,
+    every_vote: Votes,
+    modes: Modes,
+    categories: Categories,
     scene: SurfaceMap,
     shape: ShapeModel,
     config: RefineConfig,
+    search: HypothesisConfig,
     score_model: ScoreModel,
-) -> list[PoseEstimate]:
-    """Examine, settle rival claims, polish the winners and score them."""
+    clock: _Clock,
+) -> Claims:
+    """Hypotheses from `votes`, registered to the depth image and examined."""
+    places = find_places(votes, modes, categories, search)
+    near = votes.select(places.of_vote >= 0)
+    scene = scene.with_centres(near.points, near.centres)
+    proposed = propose(votes, modes, categories, places, scene, shape, search)
+    clock.lap("hypotheses")
+    R, t = register(proposed.rotations, proposed.positions, scene, shape, COARSE)
+    coarse = replace(proposed, rotations=R, positions=t, scores=soft_score(R, t, scene, shape, 128, 0.03).numpy())
+    kept = coarse.select(best_of_each_place(coarse, shape, search.keep_after_coarse, 0.03))
+    R, t = register(kept.rotations, kept.positions, scene, shape, FINE)
+    clock.lap("icp")
     rules = config.verify
-    first = examine(hypotheses.rotations, hypotheses.positions, scene, shape, rules)
+    first = examine(R, t, scene, shape, rules)
     plausible = np.flatnonzero((first.ratio >= rules.min_ratio - 0.2) & (first.inliers >= rules.min_visible))
-    if len(plausible) == 0:
-        return []
-    kept = hypotheses.select(plausible)
-    R, t = register(kept.rotations, kept.positions, scene, shape, LAST)
-    evidence = examine(R, t, scene, shape, rules, votes)
+    i = torch.from_numpy(plausible)
+    R, t = register(R[i], t[i], scene, shape, LAST)
+    evidence = examine(R, t, scene, shape, rules, every_vote)
     scores = score_model.score(evidence.features(inlier_tolerance(scene, rules)))
-    shared, overlap = claims(R, t, scene, shape, rules)
-    order = np.argsort(-evidence.quality(), kind="stable")
-    winners = np.asarray(suppress(order, shared, overlap, rules), dtype=np.int64)
-    good = (scores >= rules.min_score) & (evidence.ratio >= rules.min_ratio) & (evidence.inliers >= rules.min_visible)
-    winners = winners[good[winners]]
+    clock.lap("verify")
+    return Claims(R, t, evidence, scores)
+
+
+def _estimates(claims: Claims, shape: ShapeModel) -> list[PoseEstimate]:
+    R = nearest_rotations(claims.rotations.double().numpy())
+    T = make_transform(R, claims.positions.double().numpy() * shape.unit)
     return [
         PoseEstimate(
-            T_camera_part=_transform(R[i], t[i], shape.unit),
-            score=float(scores[i]),
-            visible_share=float(evidence.inliers[i]),
-            residual=float(evidence.residual[i] * shape.unit),
-            n_votes=int(places.counts[kept.places[i]]),
+            T_camera_part=T[i].copy(),
+            score=float(claims.scores[i]),
+            visible_share=float(claims.evidence.inliers[i]),
+            residual=float(claims.evidence.residual[i] * shape.unit),
+            n_votes=int(claims.evidence.votes[i]),
         )
-        for i in winners[np.argsort(-scores[winners], kind="stable")]
+        for i in range(len(claims))
     ]
 
 
@@ -142,11 +148,6 @@ def _raw_estimates(categories: Categories, shape: ShapeModel, n_votes: int) -> l
     ]
 
 
-def _transform(R: Tensor, t: Tensor, unit: float) -> np.ndarray:
-    """T_camera_part in [m]; float32 rotations are made exact again."""
-    return make_transform(nearest_rotations(R.double().numpy()[None])[0], t.double().numpy() * unit)
-
-
 class _Clock:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -154,5 +155,5 @@ class _Clock:
 
     def lap(self, stage: str) -> None:
         now = time.perf_counter()
-        self.seconds[stage] = now - self._last
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
         self._last = now

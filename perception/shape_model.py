@@ -79,7 +79,7 @@ class ShapeModel:
 
     def embed(self, R: np.ndarray) -> np.ndarray:
         """Rotations (..., 3, 3) as vectors (..., d) whose distance is a root mean square surface distance."""
-        return (R @ self.moment_root).reshape(*R.shape[:-2], -1)
+        return (R @ self.moment_root).reshape(*R.shape[:-2], 3 * self.moment_root.shape[1])
 
     def view_of(self, R: Tensor, t: Tensor) -> Tensor:
         """Index (h,) of the precomputed view nearest to that of poses (h, 3, 3), (h, 3)."""

@@ -6,7 +6,7 @@ refuted; one whose surface was measured where it should be is confirmed; one beh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -88,9 +88,41 @@ class Evidence:
         }
         return np.stack([columns[name] for name in FEATURES], -1)
 
-    def quality(self) -> Floats:
-        """Rank (h,) among rival poses of one place: confirmed less refuted area."""
-        return self.area * (1.0 - 3.0 * self.violations - 1.0 * self.wrong_normal - 0.5 * self.beside)
+    def select(self, index: np.ndarray) -> Evidence:
+        """The evidence of poses at `index`."""
+        return Evidence(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+    def join(self, other: Evidence) -> Evidence:
+        """This evidence, then that of other poses."""
+        pairs = {f.name: [getattr(self, f.name), getattr(other, f.name)] for f in fields(self)}
+        return Evidence(**{name: np.concatenate(pair) for name, pair in pairs.items()})
+
+
+@dataclass(frozen=True)
+class Claims:
+    """Examined poses: rotations (h, 3, 3), positions (h, 3) in units, evidence and calibrated score (h,)."""
+
+    rotations: Tensor
+    positions: Tensor
+    evidence: Evidence
+    scores: Floats
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    def select(self, index: np.ndarray) -> Claims:
+        """The claims at `index`."""
+        i = torch.from_numpy(index)
+        return Claims(self.rotations[i], self.positions[i], self.evidence.select(index), self.scores[index])
+
+    def join(self, other: Claims) -> Claims:
+        """These claims, then others."""
+        return Claims(
+            torch.cat([self.rotations, other.rotations]),
+            torch.cat([self.positions, other.positions]),
+            self.evidence.join(other.evidence),
+            np.concatenate([self.scores, other.scores]),
+        )
 
 
 def inlier_tolerance(scene: SurfaceMap, config: VerifyConfig) -> float:
@@ -161,10 +193,29 @@ def _support(
     return np.asarray(n.numpy()), share[0], share[1]
 
 
-def claims(
+def settle(claims: Claims, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig) -> Claims:
+    """Of rival claims the best, best first, and of these the ones that pass every threshold."""
+    shared, overlap = rivalry(claims.rotations, claims.positions, scene, shape, config)
+    winners = np.asarray(suppress(np.argsort(-claims.scores, kind="stable"), shared, overlap, config), dtype=np.int64)
+    good = claims.scores >= config.min_score
+    good &= (claims.evidence.ratio >= config.min_ratio) & (claims.evidence.inliers >= config.min_visible)
+    return claims.select(winners[good[winners]])
+
+
+def on_surface(
+    points: np.ndarray, claims: Claims, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig
+) -> np.ndarray:
+    """Which camera points (m, 3), in units, lie on the surface of any claim (m,)."""
+    p = torch.from_numpy(points.astype(np.float32))
+    in_part = torch.matmul(p[None] - claims.positions[:, None], claims.rotations)
+    on = shape.field.look_up(in_part)[0].abs() < 2 * inlier_tolerance(scene, config)
+    return np.asarray(on.any(0).numpy())
+
+
+def rivalry(
     R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig, count: int = 160
 ) -> tuple[Floats, Floats]:
-    """Rival claims: shared (h, h) and overlap (h, h) of poses R (h, 3, 3), t (h, 3).
+    """How claims conflict: shared (h, h) and overlap (h, h) of poses R (h, 3, 3), t (h, 3).
 
     shared[a, b]: share of the surface that confirms a and lies on b too. overlap[a, b]: share of the surface of a
     that is deeper than `overlap_depth` inside b.

@@ -17,8 +17,10 @@ from grasping.clearance import OpenGripper, thin, without_workpiece
 from grasping.grasp_points import GraspPoint, GraspPoses
 
 MAX_TILT = np.deg2rad(50.0)  # of the approach from the vertical
-NEAR = 0.13  # [m] around an estimate within which the heap can be in the gripper's way
+NEAR = 0.09  # [m] around an estimate within which the heap can be in the gripper's way
 CHUNK = 24
+ESTIMATES_ENOUGH = 12
+"""Once this many workpieces can be gripped, the less wanted ones are not looked at."""
 PER_ESTIMATE = 8
 """Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
 
@@ -61,8 +63,8 @@ class Selection:
     """Candidates, best first, and for every estimate how many poses of which grasp were ruled out by what.
 
     Attributes:
-        ruled_out: estimate -> grasp name -> reason -> count; reasons are `avoided`, `tilt`, `gripper_bin`,
-            `gripper_heap`, `outranked`.
+        ruled_out: estimate -> grasp name -> reason -> count; reasons are `avoided`, `tolerance`, `tilt`,
+            `gripper_bin`, `gripper_heap`, `outranked`.
     """
 
     candidates: list[GraspCandidate]
@@ -79,6 +81,7 @@ def select(
     bin: Bin,
     scene_points: Array,
     weights: GraspingConfig,
+    errors: Array | None = None,
 ) -> Selection:
     """Candidates of all estimates, checked for room and ranked.
 
@@ -86,6 +89,7 @@ def select(
         Ts_world_part: (k, 4, 4) estimated poses; scores: (k,) in [0, 1].
         avoided: (k,) bool: leave this estimate alone (a grasp on it failed lately).
         scene_points: (n, 3) measured points in the world, the bin's own excluded.
+        errors: (k,) expected error of each pose in [m], held against the tolerance of each grasp point; None for none.
     """
     scene = thin(scene_points)
     heights = Ts_world_part[:, 2, 3] if len(Ts_world_part) else np.zeros(0)
@@ -93,19 +97,26 @@ def select(
     grippers = {float(o): OpenGripper.of(gripper.boxes(float(o))) for o in np.unique(poses.openings)}
     found: list[GraspCandidate] = []
     ruled_out: dict[int, dict[str, dict[str, int]]] = {}
-    for k, T_world_part in enumerate(Ts_world_part):
-        verdicts = np.full(len(poses.index), "avoided", dtype="<U12")
-        if not avoided[k]:
+    tolerances = np.array([poses.points[i].tolerance for i in poses.index])
+    wanted = weights.weight_score * np.asarray(scores) + weights.weight_height * (heights - low) / span
+    pickable = 0
+    for k in np.argsort(-wanted, kind="stable"):
+        k, T_world_part = int(k), Ts_world_part[k]
+        enough = pickable >= ESTIMATES_ENOUGH
+        verdicts = np.full(len(poses.index), "avoided" if avoided[k] else "outranked", dtype="<U12")
+        if not avoided[k] and not enough:
+            loose = tolerances < (0.0 if errors is None else float(errors[k]))
             near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < NEAR
             others = without_workpiece(scene[near], T_world_part, workpiece)
             terms = _terms(T_world_part, float(scores[k]), float((heights[k] - low) / span), poses)
             rank = sum(getattr(weights, f"weight_{name}") * value for name, value in terms.items())
             Ts = T_world_part @ poses.Ts_part_tool
-            for i in _with_room(Ts, np.asarray(rank), poses, grippers, bin, others, verdicts):
+            for i in _with_room(Ts, np.asarray(rank), loose, poses, grippers, bin, others, verdicts):
                 own = {name: float(value[i]) for name, value in terms.items()}
                 opening = float(poses.openings[i])
                 point = poses.points[poses.index[i]]
                 found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, float(rank[i]), own))
+            pickable += bool((verdicts == "").any())
         counts: dict[str, Counter[str]] = {}
         for i, verdict in zip(poses.index, verdicts, strict=True):
             if verdict:
@@ -131,6 +142,7 @@ def _terms(T_world_part: Array, score: float, height: float, poses: GraspPoses) 
 def _with_room(
     Ts: Array,
     rank: Array,
+    loose: np.ndarray,
     poses: GraspPoses,
     grippers: dict[float, OpenGripper],
     bin: Bin,
@@ -139,13 +151,15 @@ def _with_room(
 ) -> list[int]:
     """Indices of the best PER_ESTIMATE poses with an upright approach and room for the open gripper, best first.
 
-    The reason that ruled a pose out is written to `verdicts` (n,); the empty string for those returned.
+    `loose` (n,) marks poses whose grasp point does not tolerate the error of the estimate. The reason that ruled a
+    pose out is written to `verdicts` (n,); the empty string for those returned.
     """
     verdicts[:] = ""
+    verdicts[loose] = "tolerance"
     tilted = -Ts[:, 2, 2] < np.cos(MAX_TILT)
-    verdicts[tilted] = "tilt"
+    verdicts[~loose & tilted] = "tilt"
     for opening, shape in grippers.items():
-        mine = np.flatnonzero(~tilted & (poses.openings == opening))
+        mine = np.flatnonzero(~loose & ~tilted & (poses.openings == opening))
         verdicts[mine[shape.hits_bin(Ts[mine], bin)]] = "gripper_bin"
     alive = np.flatnonzero(verdicts == "")
     alive = alive[np.argsort(-rank[alive], kind="stable")]

@@ -72,7 +72,7 @@ def oracle_perception(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: n
     seen = [i for i in truth.parts_in(SOURCE) if pixels[i] >= ORACLE_PIXELS]
     score = np.minimum(pixels[seen] / max(pixels.max(initial=1), 1), 1.0)
     order = np.argsort(-score, kind="stable")[: cell.scenario.perception.max_estimates]
-    return Estimates(truth.Ts_world_part[seen][order], score[order])
+    return Estimates(truth.Ts_world_part[seen][order], score[order], np.zeros(len(order)))
 
 
 @lru_cache(maxsize=4)
@@ -88,8 +88,8 @@ def ps6d(workpiece: str) -> Perceive:
         config = cell.scenario.perception
         good = [e for e in found if e.score >= config.min_score][: config.max_estimates]
         if not good:
-            return Estimates(np.zeros((0, 4, 4)), np.zeros(0))
+            return Estimates(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0))
         Ts = frame.T_world_camera @ np.stack([e.T_camera_part for e in good])
-        return Estimates(Ts, np.array([e.score for e in good]))
+        return Estimates(Ts, np.array([e.score for e in good]), np.array([e.residual for e in good]))
 
     return perceive

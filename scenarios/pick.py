@@ -24,6 +24,8 @@ from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.workcell import SOURCE, Workcell
 
+PICTURED = 2
+"""Attempts of an episode that are pictured at every stage; failures are pictured anyway, after the fact."""
 PLANS_TRIED = 6
 """Candidates for which a whole motion is planned before giving up."""
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
@@ -36,10 +38,17 @@ AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are l
 
 @dataclass(frozen=True)
 class Estimates:
-    """What perception hands to grasping: poses (k, 4, 4) in the world and scores (k,), best first."""
+    """What perception hands to grasping, best first.
+
+    Attributes:
+        Ts_world_part: (k, 4, 4).
+        scores: (k,) in [0, 1].
+        residuals: (k,) root mean square distance of the measured surface to the CAD in [m].
+    """
 
     Ts_world_part: Array
     scores: Array
+    residuals: Array
 
 
 @dataclass(frozen=True)
@@ -100,8 +109,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         "tree": decision_tree(estimates, selection, decision),
         "pictures": {},
     }
-    if cell.pictures:
-        record["pictures"]["depth"] = depth_picture(cell, frame, estimates, decision.candidate)
+    staged = cell.pictures and attempt < PICTURED
     if decision.candidate is None or decision.plan is None:
         after = cell.observe()
         record |= {"moved": False, "success": False, "reason": decision.reason}
@@ -109,7 +117,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         T_world_part = estimates.Ts_world_part[decision.candidate.estimate]
         _, error, angle = nearest_true(T_world_part, before.Ts_world_part, cell.workpiece)
         pose_ok = error < cell.workpiece.tolerance
-        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, record["pictures"])
+        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, record["pictures"])
         limits, after = cell.scenario.limits, evidence.after
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
         if evidence.carried:
@@ -127,6 +135,10 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "grasp": decision.candidate.point.name,
             "robot_s": robot_s,
         }
+    if staged or (cell.pictures and not record["success"]):
+        record["pictures"]["depth"] = depth_picture(cell, frame, estimates, decision.candidate)
+        if not record["success"]:
+            snap(cell, record["pictures"], "after")
     poses = np.concatenate([after.Ts_world_part[:, :3, 3], to_quat_xyzw(after.Ts_world_part)], axis=1)
     return AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
 
@@ -144,6 +156,7 @@ def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memo
         cell.source,
         scene_points(cell, frame),
         cell.scenario.grasping,
+        estimates.residuals,
     )
 
 
@@ -203,9 +216,12 @@ def move(
     plan: PickPlan,
     before: Snapshot,
     pose_ok: bool,
+    staged: bool,
     pictures: dict[str, bytes],
 ) -> tuple[Evidence, float]:
     """Execute a plan in the physics; returns what was seen and the robot's time in [s].
+
+    With `staged`, pictures of the cell at each stage are added to `pictures`.
 
     A hard touch stops the arm, as a controller's collision guard does; it is then set back to home by hand.
     """
@@ -218,18 +234,21 @@ def move(
     if not log.stopped:
         jaws = close_jaws(world, arm)
         closed, log = jaws.parts, log + jaws.log
-        snap(cell, pictures, "grasp")
+        if staged:
+            snap(cell, pictures, "grasp")
         if not closed:
             open_jaws(world, arm, candidate.opening)
             log += execute(world, arm, plan.approach.q[::-1], stop_above=limit)
     if closed:
         log += execute(world, arm, plan.lift.q, stop_above=limit)
         lifted = held_parts(world, arm)
-        snap(cell, pictures, "lift")
+        if staged:
+            snap(cell, pictures, "lift")
     if closed and not log.stopped:
         log += execute(world, arm, plan.carry.q, stop_above=limit)
         carried = held_parts(world, arm)
-        snap(cell, pictures, "place")
+        if staged:
+            snap(cell, pictures, "place")
     if closed and not log.stopped:
         released = not open_jaws(world, arm).parts
         log += execute(world, arm, plan.leave.q, stop_above=limit)

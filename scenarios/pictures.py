@@ -20,11 +20,10 @@ CHOSEN, OTHERS, TOOL = (60, 220, 60), (255, 170, 40), (60, 60, 255)  # BGR
 
 
 def snap(cell: Workcell, pictures: dict[str, bytes], name: str) -> None:
-    """Add a picture of the cell as it stands, when pictures are wanted."""
-    if cell.pictures:
-        x, y, _ = cell.source.position
-        image = cell_picture(cell.world, (x + 0.55, y - 0.75, 0.55), (x - 0.1, y - 0.12, 0.1), 560, 420)
-        pictures[name] = png(image[:, :, ::-1])
+    """Add a picture of the cell as it stands."""
+    x, y, _ = cell.source.position
+    image = cell_picture(cell.world, (x + 0.55, y - 0.75, 0.55), (x - 0.1, y - 0.12, 0.1), 560, 420)
+    pictures[name] = png(image[:, :, ::-1])
 
 
 def png(image_bgr: np.ndarray) -> bytes:

@@ -63,7 +63,7 @@ class CameraConfig(Config):
 
     width: int = Field(default=640, ge=64, le=1280, description="[pixel]")
     height: int = Field(default=480, ge=64, le=1024, description="[pixel]")
-    fov_deg: float = Field(default=26.0, gt=1, lt=120, description="[deg] full horizontal field of view")
+    fov_deg: float = Field(default=21.0, gt=1, lt=120, description="[deg] full horizontal field of view")
     eye: Triple = Field(default=(0.45, 0.0, 0.86), description="[m] position in the world")
     target: Triple = Field(default=(0.45, 0.0, 0.01), description="[m] point that the optical axis goes through")
     sensing_time_s: float = Field(default=0.4, ge=0, le=60, description="[s] a capture takes; enters the cycle time")
@@ -97,7 +97,7 @@ class PerceptionConfig(Config):
     min_score: float = Field(
         default=0.5, ge=0, le=1, description="calibrated score below which an estimate is rejected"
     )
-    max_estimates: int = Field(default=12, ge=1, le=200, description="estimates handed on, best first")
+    max_estimates: int = Field(default=30, ge=1, le=200, description="estimates handed on, best first")
 
 
 class LimitsConfig(Config):

@@ -12,16 +12,17 @@ import numpy as np
 from cell.bin import Box
 from cell.camera import DepthFrame
 from cell.execute import close_jaws, execute, held_parts, open_jaws
-from cell.frames import Array, apply, invert, to_quat_xyzw
+from cell.frames import Array, invert, to_quat_xyzw
 from cell.gripper import in_frame
 from cell.observe import Snapshot
 from grasping.candidates import GraspCandidate, Selection, select
-from robots.collision import CollisionScene, HeightField
+from robots.collision import CollisionScene
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
 from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, Reason, nested
+from scenarios.scan import scan_heights, scene_points
 from scenarios.workcell import SOURCE, Workcell
 
 PICTURED = 2
@@ -31,8 +32,6 @@ PLANS_TRIED = 6
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
-BIN_MARGIN = 0.002  # [m] from floor and walls within which a measured point is the bin's
-GRID = 0.004  # [m] of the height field
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
 
 
@@ -120,9 +119,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, record["pictures"])
         limits, after = cell.scenario.limits, evidence.after
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
-        if evidence.carried:
+        if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
             memory.place.fill(decision.plan.place)
-        if verdict != "":
+        else:
             memory.failed.append((attempt, T_world_part[:3, 3]))
         record |= {
             "moved": True,
@@ -258,28 +257,6 @@ def move(
     world.run_until_rest(REST_LIMIT)
     after = cell.observe()
     return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok), robot_s
-
-
-def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
-    """Measured points (n, 3) in the world that lie over the source bin and are not the bin."""
-    points = frame.points_world()
-    local = apply(invert(cell.source.T_world_bin), points)
-    lx, ly, _ = cell.source.inner
-    inside = (np.abs(local[:, 0]) < lx / 2 - BIN_MARGIN) & (np.abs(local[:, 1]) < ly / 2 - BIN_MARGIN)
-    return points[inside & (local[:, 2] > BIN_MARGIN)]
-
-
-def scan_heights(cell: Workcell, frame: DepthFrame) -> HeightField:
-    """Highest measured point of every cell of a grid over the source bin; its floor where nothing was measured."""
-    lx, ly, _ = cell.source.inner
-    local = apply(invert(cell.source.T_world_bin), scene_points(cell, frame))
-    nx, ny = int(lx / GRID) + 1, int(ly / GRID) + 1
-    heights = np.full((ny, nx), -GRID)
-    column = np.clip(np.rint((local[:, 0] + lx / 2) / GRID).astype(int), 0, nx - 1)
-    row = np.clip(np.rint((local[:, 1] + ly / 2) / GRID).astype(int), 0, ny - 1)
-    np.maximum.at(heights, (row, column), local[:, 2])
-    x, y, z = cell.source.position
-    return HeightField(heights + z, x - lx / 2, y - ly / 2, GRID)
 
 
 def decision_tree(estimates: Estimates, selection: Selection, decision: Decision) -> list[dict[str, Any]]:

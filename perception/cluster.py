@@ -33,8 +33,8 @@ class ClusterConfig(Config):
     position_bandwidth: float = Field(0.12, gt=0, description="h_p of stage 1")
     rotation_bandwidth: float = Field(0.20, gt=0, description="h_r of stage 1")
     merge_bandwidth: float = Field(0.08, gt=0, description="of stage 2, position only")
-    min_votes_mode: int = Field(3, ge=1, description="fewest votes of a mode of stage 1")
-    min_votes: int = Field(6, ge=1, description="fewest votes of a category of stage 2")
+    min_votes_mode: float = Field(3, gt=0, description="fewest votes of a mode of stage 1, per 1,000 votes")
+    min_votes: float = Field(6, gt=0, description="fewest votes of a category of stage 2, per 1,000 votes")
     seeds: int = Field(1024, ge=1, description="mean shift starts at this many votes, evenly spaced")
     iterations: int = Field(15, ge=1, description="of mean shift")
 
@@ -99,7 +99,7 @@ def find_modes(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Modes:
     labels = _assign(features, peaks)
     counts = np.bincount(labels[labels >= 0], minlength=len(peaks)).astype(np.int64)
     order = np.argsort(-counts, kind="stable")
-    order = order[counts[order] >= config.min_votes_mode]
+    order = order[counts[order] >= least_votes(config.min_votes_mode, len(votes))]
     renumber = np.full(len(peaks) + 1, -1, dtype=np.int64)
     renumber[order] = np.arange(len(order))
     labels = renumber[labels]
@@ -112,13 +112,14 @@ def find_modes(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Modes:
 def merge(modes: Modes, config: ClusterConfig) -> Ints:
     """Stage 2: category (k,) of each mode, -1 where a category has too few votes; numbered by falling votes."""
     k = len(modes.counts)
+    least = least_votes(config.min_votes, len(modes.labels))
     if k == 0 or not config.two_stage:
-        return np.where(modes.counts >= config.min_votes, np.arange(k), -1)
+        return np.where(modes.counts >= least, np.arange(k), -1)
     features = modes.positions / config.merge_bandwidth
     labels = _assign(features, mean_shift(features, k, config.iterations, modes.counts), limit=np.inf)
     counts = np.bincount(labels, weights=modes.counts)
     order = np.argsort(-counts, kind="stable")
-    order = order[counts[order] >= config.min_votes]
+    order = order[counts[order] >= least]
     renumber = np.full(len(counts), -1, dtype=np.int64)
     renumber[order] = np.arange(len(order))
     return renumber[labels]
@@ -151,6 +152,11 @@ def vote(votes: Votes, modes: Modes, of_mode: Ints, shape: ShapeModel) -> Catego
         best = int(mean_error.argmin())
         rotations[c], errors[c] = R[best], mean_error[best]
     return Categories(positions, rotations, counts, errors, of_mode)
+
+
+def least_votes(per_thousand: float, votes: int) -> float:
+    """A threshold given per 1,000 votes, for a number of votes; not below what it says for 1,000."""
+    return per_thousand * max(1.0, votes / 1000)
 
 
 def mean_shift(features: np.ndarray, seeds: int, iterations: int, weights: np.ndarray | None = None) -> np.ndarray:

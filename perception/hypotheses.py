@@ -10,7 +10,7 @@ from pydantic import Field
 
 from cell.config import Config
 from perception.agreement import soft_score
-from perception.cluster import Categories, Modes, mean_shift, nearest_rotations
+from perception.cluster import Categories, Modes, least_votes, mean_shift, nearest_rotations
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.votes import Votes
@@ -20,7 +20,7 @@ class HypothesisConfig(Config):
     """Where hypotheses come from and how many are kept."""
 
     place_bandwidth: float = Field(0.12, gt=0, description="of the search for places by position alone, in units")
-    min_votes_place: int = Field(4, ge=1, description="fewest votes of such a place")
+    min_votes_place: float = Field(4, gt=0, description="fewest votes of such a place, per 1,000 votes")
     max_places: int = Field(80, ge=1, description="places tried, those with most votes")
     votes_per_place: int = Field(12, ge=0, description="single predicted rotations tried at each place")
     near_symmetries: bool = Field(True, description="turn each hypothesis by the near symmetries of the CAD")
@@ -76,7 +76,7 @@ def find_places(votes: Votes, modes: Modes, categories: Categories, config: Hypo
     peaks = mean_shift(votes.centres / reach, 1024, 15) * reach
     if len(peaks):
         count = (_distances(votes.centres, peaks) < reach).sum(0)
-        new = count >= config.min_votes_place
+        new = count >= least_votes(config.min_votes_place, len(votes))
         if len(positions):
             new &= _distances(positions, peaks).min(0) > 0.8 * reach
         best_first = np.flatnonzero(new)[np.argsort(-count[new], kind="stable")]
@@ -141,6 +141,20 @@ def best_of_each_place(hypotheses: Hypotheses, shape: ShapeModel, keep: int, apa
                 if len(mine) == keep:
                     break
         kept.extend(mine)
+    return np.asarray(kept, dtype=np.int64)
+
+
+def distinct(R: torch.Tensor, t: torch.Tensor, scores: np.ndarray, shape: ShapeModel, apart: float) -> np.ndarray:
+    """Indices, best score first, of poses that no better one is nearer to than `apart`, whatever their place."""
+    embedded = np.concatenate([t.numpy(), shape.embed(R.numpy().astype(np.float64))], axis=1)
+    square = (embedded**2).sum(1)
+    same = square[:, None] - 2 * embedded @ embedded.T + square < apart**2
+    kept: list[int] = []
+    free = np.ones(len(scores), dtype=bool)
+    for i in np.argsort(-scores, kind="stable"):
+        if free[i]:
+            kept.append(int(i))
+            free &= ~same[i]
     return np.asarray(kept, dtype=np.int64)
 
 

@@ -16,7 +16,7 @@ from cell.workpiece import Workpiece
 from perception.agreement import soft_score
 from perception.calibration import ScoreModel
 from perception.cluster import Categories, ClusterConfig, Modes, cluster, nearest_rotations
-from perception.hypotheses import HypothesisConfig, best_of_each_place, find_places, propose
+from perception.hypotheses import HypothesisConfig, best_of_each_place, distinct, find_places, propose
 from perception.icp import COARSE, FINE, LAST, register
 from perception.pose_estimate import PoseEstimate
 from perception.shape_model import ShapeModel
@@ -113,12 +113,13 @@ def _search(
     R, t = register(proposed.rotations, proposed.positions, scene, shape, COARSE)
     coarse = replace(proposed, rotations=R, positions=t, scores=soft_score(R, t, scene, shape, 128, 0.03).numpy())
     kept = coarse.select(best_of_each_place(coarse, shape, search.keep_after_coarse, 0.03))
+    kept = kept.select(distinct(kept.rotations, kept.positions, kept.scores, shape, 0.02))
     R, t = register(kept.rotations, kept.positions, scene, shape, FINE)
     clock.lap("icp")
     rules = config.verify
     first = examine(R, t, scene, shape, rules)
     plausible = np.flatnonzero((first.ratio >= rules.min_ratio - 0.2) & (first.inliers >= rules.min_visible))
-    i = torch.from_numpy(plausible)
+    i = plausible[distinct(R[plausible], t[plausible], first.area[plausible], shape, 0.01)]
     R, t = register(R[i], t[i], scene, shape, LAST)
     evidence = examine(R, t, scene, shape, rules, every_vote)
     scores = score_model.score(evidence.features(inlier_tolerance(scene, rules)))

@@ -20,10 +20,13 @@ CHOSEN, OTHERS, TOOL = (60, 220, 60), (255, 170, 40), (60, 60, 255)  # BGR
 
 
 def snap(cell: Workcell, pictures: dict[str, bytes], name: str) -> None:
-    """Add a picture of the cell as it stands."""
-    x, y, _ = cell.source.position
-    image = cell_picture(cell.world, (x + 0.55, y - 0.75, 0.55), (x - 0.1, y - 0.12, 0.1), 560, 420)
-    pictures[name] = png(image[:, :, ::-1])
+    """Add a picture of the cell as it stands; `grasp` is a close-up of the source bin."""
+    x, y, z = cell.source.position
+    if name == "grasp":
+        eye, target = (x + 0.22, y - 0.34, z + 0.26), (x, y, z + 0.04)
+    else:
+        eye, target = (x + 0.55, y - 0.75, z + 0.54), (x - 0.1, y - 0.12, z + 0.09)
+    pictures[name] = png(cell_picture(cell.world, eye, target, 560, 420)[:, :, ::-1])
 
 
 def png(image_bgr: np.ndarray) -> bytes:

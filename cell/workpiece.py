@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,25 +15,12 @@ from pydantic import Field
 
 from cell.config import Config, load
 from cell.errors import InputError
-from cell.frames import Array, from_rpy
+from cell.frames import Array
+from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, enclosing_box, read_hulls
 from cell.symmetry import Symmetry
 
 SHIPPED = Path(__file__).resolve().parent.parent / "scenarios" / "workpieces"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-
-Triple = tuple[float, float, float]
-
-
-class CollisionBox(Config):
-    """A solid box in the CAD frame: full edge lengths [m], centre [m], fixed-axis roll, pitch, yaw [rad]."""
-
-    size: Triple
-    centre: Triple
-    rpy: Triple = (0.0, 0.0, 0.0)
-
-    @property
-    def T_part_box(self) -> Array:
-        return from_rpy(self.centre, self.rpy)
 
 
 class SymmetryConfig(Config):
@@ -61,7 +49,9 @@ class WorkpieceConfig(Config):
     density: float = Field(gt=10, lt=30000, description="[kg/m3]")
     friction: float = Field(gt=0, le=2)
     symmetry: SymmetryConfig = SymmetryConfig()
-    collision_boxes: list[CollisionBox] = Field(min_length=1)
+    collision_boxes: tuple[CollisionBox, ...] = ()
+    collision_cylinders: tuple[CollisionCylinder, ...] = ()
+    collision_hulls: str | None = Field(None, description="OBJ file in mesh_unit; its objects are convex pieces")
     heap: HeapConfig
     tolerance: float = Field(0.005, gt=0, description="T_e of the paper in [m]")
 
@@ -86,6 +76,8 @@ class Workpiece:
     friction: float
     symmetry: Symmetry
     collision_boxes: tuple[CollisionBox, ...]
+    collision_cylinders: tuple[CollisionCylinder, ...]
+    collision_hulls: tuple[CollisionHull, ...]
     heap: HeapConfig
     tolerance: float
 
@@ -98,6 +90,15 @@ class Workpiece:
     def unit(self) -> float:
         """Length in [m] that becomes 1 in the normalised workpiece space: the longest side."""
         return float(self.extents.max())
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """All collision pieces: boxes, then cylinders, then hulls."""
+        return (*self.collision_boxes, *self.collision_cylinders, *self.collision_hulls)
+
+    def piece_boxes(self) -> list[tuple[Triple, Array]]:
+        """For every collision piece an enclosing box: full edge lengths [m] and T_part_box (4, 4)."""
+        return [enclosing_box(piece) for piece in self.pieces]
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
@@ -151,6 +152,10 @@ def _load(folder: Path) -> Workpiece:
         symmetry = Symmetry(config.symmetry.degrees, config.symmetry.infinite_below)
     except ValueError:
         raise InputError(path, "symmetry.degrees", config.symmetry.degrees, "a finite rotation group") from None
+    hulls: tuple[CollisionHull, ...] = ()
+    if config.collision_hulls is not None:
+        hulls = read_hulls(path, folder / config.collision_hulls, UNITS[config.mesh_unit])
+    _check_pieces(path, config, hulls, mesh.bounds)
     return Workpiece(
         name=config.name,
         folder=folder,
@@ -161,10 +166,31 @@ def _load(folder: Path) -> Workpiece:
         inertia=np.array(mesh.moment_inertia),
         friction=config.friction,
         symmetry=symmetry,
-        collision_boxes=tuple(config.collision_boxes),
+        collision_boxes=config.collision_boxes,
+        collision_cylinders=config.collision_cylinders,
+        collision_hulls=hulls,
         heap=config.heap,
         tolerance=config.tolerance,
     )
+
+
+def _check_pieces(path: Path, config: WorkpieceConfig, hulls: tuple[CollisionHull, ...], box: Array) -> None:
+    """There is a piece, and none sticks out of the CAD's bounding box (2, 3) by over a tenth of its longest side."""
+    kinds: dict[str, Sequence[Piece]] = {
+        "collision_boxes": config.collision_boxes,
+        "collision_cylinders": config.collision_cylinders,
+        "collision_hulls": hulls,
+    }
+    if not any(kinds.values()):
+        raise InputError(path, "collision_boxes", [], "at least one piece (or collision_cylinders, collision_hulls)")
+    slack = 0.1 * np.ptp(box, axis=0).max()
+    for kind, pieces in kinds.items():
+        for i, piece in enumerate(pieces):
+            low, high = bounds(piece)
+            if (low < box[0] - slack).any() or (high > box[1] + slack).any():
+                reach = " .. ".join(str(np.round(corner, 4).tolist()) for corner in (low, high))
+                size = " x ".join(f"{e:.4g}" for e in np.ptp(box, axis=0))
+                raise InputError(path, f"{kind}.{i}", reach, f"a piece within the CAD's bounding box of {size} m")
 
 
 def _read_mesh(yaml_path: Path, path: Path) -> trimesh.Trimesh:

@@ -18,6 +18,7 @@ from cell._pybullet import connect, pybullet
 from cell.bin import Bin, Box
 from cell.errors import SimulationError
 from cell.frames import Array, from_quat_xyzw, invert, make_transform, to_quat_xyzw
+from cell.shape import collision_shape
 from cell.workpiece import Workpiece
 
 GRAVITY = 9.81  # [m/s2]
@@ -103,7 +104,7 @@ class World:
         return self._names.get(body, f"body {body}")
 
     def add_part(self, workpiece: Workpiece, T_world_part: Array) -> int:
-        """Add a workpiece as a rigid body of collision boxes; returns its index in `parts`.
+        """Add a workpiece as a rigid body of collision pieces; returns its index in `parts`.
 
         Mass, centre of mass and the full inertia tensor are those of the CAD at its density.
         """
@@ -111,15 +112,8 @@ class World:
         if np.linalg.det(axes) < 0:
             axes[:, 0] *= -1
         T_part_inertial = make_transform(axes, workpiece.com)
-        # positions given to createMultiBody and read back are those of the inertial frame, so the pieces are placed in it
-        T_inertial_part = invert(T_part_inertial)
-        pieces = [T_inertial_part @ box.T_part_box for box in workpiece.collision_boxes]
-        shape = self.client.createCollisionShapeArray(
-            shapeTypes=[pybullet.GEOM_BOX] * len(pieces),
-            halfExtents=[[s / 2 for s in box.size] for box in workpiece.collision_boxes],
-            collisionFramePositions=[T[:3, 3].tolist() for T in pieces],
-            collisionFrameOrientations=[to_quat_xyzw(T).tolist() for T in pieces],
-        )
+        # positions given to createMultiBody and read back are those of the inertial frame: the pieces are placed in it
+        shape = collision_shape(self.client, workpiece.pieces, invert(T_part_inertial))
         T = T_world_part @ T_part_inertial
         body = self.client.createMultiBody(
             workpiece.mass,

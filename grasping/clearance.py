@@ -34,9 +34,9 @@ def without_workpiece(points: Array, T_world_part: Array, workpiece: Workpiece, 
     """The points (n, 3) that do not lie on the workpiece at its estimated pose."""
     local = apply(invert(T_world_part), points)
     own = np.zeros(len(points), dtype=bool)
-    for box in workpiece.collision_boxes:
-        p = apply(invert(box.T_part_box), local)
-        own |= (np.abs(p) < np.asarray(box.size) / 2 + margin).all(axis=1)
+    for size, T_part_box in workpiece.piece_boxes():
+        p = apply(invert(T_part_box), local)
+        own |= (np.abs(p) < np.asarray(size) / 2 + margin).all(axis=1)
     return points[~own]
 
 

@@ -192,7 +192,7 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
 def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: int) -> PickRequest:
     """What the planner is asked for one candidate."""
     T_tool_part = invert(candidate.T_part_tool)
-    held = tuple(Box(f"held_{i}", b.size, b.T_part_box) for i, b in enumerate(cell.workpiece.collision_boxes))
+    held = tuple(Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes()))
     return PickRequest(
         q_start=cell.robot.home,
         q_end=cell.robot.home,

@@ -60,9 +60,7 @@ class Bin:
         """Which points (n, 3) lie between the walls, over the floor and at most `above` [m] over the rim."""
         p = points_world @ invert(self.T_world_bin)[:3, :3].T + invert(self.T_world_bin)[:3, 3]
         lx, ly, lz = self.inner
-        return (
-            (np.abs(p[:, 0]) <= lx / 2) & (np.abs(p[:, 1]) <= ly / 2) & (p[:, 2] >= -0.005) & (p[:, 2] <= lz + above)
-        )
+        return (np.abs(p[:, 0]) <= lx / 2) & (np.abs(p[:, 1]) <= ly / 2) & (p[:, 2] >= -0.005) & (p[:, 2] <= lz + above)
 
 
 def table(size: tuple[float, float, float], centre_top: tuple[float, float, float]) -> Box:

@@ -44,7 +44,9 @@ class Snapshot:
 
 
 def observe(world: World, bins: Sequence[Bin], above: float = ABOVE_RIM) -> Snapshot:
-    """Look at every workpiece; one is in a bin when its CAD origin is between the walls and at most `above` over the rim.
+    """Look at every workpiece.
+
+    One is in a bin when its CAD origin is between the walls and at most `above` [m] over the rim.
 
     Raises:
         SimulationError: a pose is not finite.

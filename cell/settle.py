@@ -41,7 +41,8 @@ def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.r
     lx, ly, lz = bin.inner
     half = (max(lx / 2 - reach, 0.0), max(ly / 2 - reach, 0.0))
     first = len(world.parts)
-    fall = float(np.sqrt(2 * (2 * LAYERS + 1) * reach / GRAVITY))  # [s] in which the highest layer falls below the lowest
+    # [s] in which the highest layer falls below the lowest
+    fall = float(np.sqrt(2 * (2 * LAYERS + 1) * reach / GRAVITY))
     for i in range(count):
         if i % LAYERS == 0:
             lowest = max(lz + 0.02, _top(world, bin, first) + reach)

@@ -67,8 +67,9 @@ def _inertial(link: ElementTree.Element, mass: float, size: tuple[float, ...], c
     ElementTree.SubElement(inertial, "origin", xyz=_text(centre))
     ElementTree.SubElement(inertial, "mass", value=str(mass))
     moments = {"ixx": y + z, "iyy": x + z, "izz": x + y}
-    attributes = {key: repr(float(mass / 12 * value)) for key, value in moments.items()}
-    ElementTree.SubElement(inertial, "inertia", **attributes, ixy="0", ixz="0", iyz="0")
+    inertia = ElementTree.SubElement(inertial, "inertia", ixy="0", ixz="0", iyz="0")
+    for key, value in moments.items():
+        inertia.set(key, repr(float(mass / 12 * value)))
 
 
 def _joint(root: ElementTree.Element, name: str, kind: str, parent: str, child: str) -> ElementTree.Element:

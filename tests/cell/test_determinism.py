@@ -1,0 +1,38 @@
+"""The physics gives the same bits in another process: a settled heap, and a pick after it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from grasp_cell import GraspCell
+from test_settle import filled
+
+from cell.execute import close_jaws, open_jaws
+
+HERE = Path(__file__).resolve().parent
+
+
+def heap_and_pick() -> str:
+    """Poses of a settled heap and of a bracket that was picked and let fall, as hexadecimal bytes."""
+    world, heap = filled(2)
+    world.close()
+    cell = GraspCell.build()
+    above = cell.above()
+    cell.line(cell.grasp(), 8.0)
+    close_jaws(cell.world, cell.arm)
+    cell.line(above, 8.0)
+    open_jaws(cell.world, cell.arm)
+    cell.world.run_until_rest(2.0)
+    poses = heap.Ts_world_part.tobytes() + cell.world.part_poses().tobytes() + cell.arm.q.tobytes()
+    cell.world.close()
+    return poses.hex()
+
+
+def test_two_processes_agree_bit_for_bit() -> None:
+    code = f"import sys; sys.path[:0] = [{str(HERE)!r}]; import test_determinism as t; print(t.heap_and_pick())"
+    other = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=HERE.parent.parent
+    )
+    assert other.stdout.split()[-1] == heap_and_pick()

@@ -12,6 +12,7 @@ square distance of surface points (Bregier et al. 2018), a length like the dista
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -35,7 +36,8 @@ class ClusterConfig(Config):
     merge_bandwidth: float = Field(0.08, gt=0, description="of stage 2, position only")
     min_votes_mode: float = Field(3, gt=0, description="fewest votes of a mode of stage 1, per 1,000 votes")
     min_votes: float = Field(6, gt=0, description="fewest votes of a category of stage 2, per 1,000 votes")
-    seeds: int = Field(1024, ge=1, description="mean shift starts at this many votes, evenly spaced")
+    seeds: int = Field(512, ge=1, description="mean shift starts at this many votes, evenly spaced")
+    sample: int = Field(1500, ge=1, description="votes that make up the density, evenly spaced; all are assigned")
     iterations: int = Field(15, ge=1, description="of mean shift")
 
 
@@ -95,7 +97,7 @@ def find_modes(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Modes:
     features = np.concatenate(
         [votes.centres / config.position_bandwidth, shape.embed(votes.rotations) / config.rotation_bandwidth], axis=1
     )
-    peaks = mean_shift(features, config.seeds, config.iterations)
+    peaks = mean_shift(evenly(features, config.sample), config.seeds, config.iterations)
     labels = _assign(features, peaks)
     counts = np.bincount(labels[labels >= 0], minlength=len(peaks)).astype(np.int64)
     order = np.argsort(-counts, kind="stable")
@@ -154,6 +156,11 @@ def vote(votes: Votes, modes: Modes, of_mode: Ints, shape: ShapeModel) -> Catego
     return Categories(positions, rotations, counts, errors, of_mode)
 
 
+def evenly(x: Any, n: int) -> Any:
+    """At most n rows of an array or tensor, evenly spaced."""
+    return x if len(x) <= n else x[np.linspace(0, len(x) - 1, n).round().astype(np.int64)]
+
+
 def least_votes(per_thousand: float, votes: int) -> float:
     """A threshold given per 1,000 votes, for a number of votes; not below what it says for 1,000."""
     return per_thousand * max(1.0, votes / 1000)
@@ -172,8 +179,7 @@ def mean_shift(features: np.ndarray, seeds: int, iterations: int, weights: np.nd
     w = torch.ones(len(x)) if weights is None else torch.from_numpy(weights.astype(np.float32))
     data = torch.cat([x * w[:, None], w[:, None]], 1)
     half_square = 0.5 * x.square().sum(1)
-    start = np.unique(np.linspace(0, len(x) - 1, min(seeds, len(x))).round().astype(np.int64))
-    y = x[torch.from_numpy(start)]
+    y = evenly(x, seeds).clone()
     density = torch.zeros(len(y))
     active = torch.arange(len(y))
     for _ in range(iterations):

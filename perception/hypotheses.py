@@ -10,7 +10,7 @@ from pydantic import Field
 
 from cell.config import Config
 from perception.agreement import soft_score
-from perception.cluster import Categories, Modes, least_votes, mean_shift, nearest_rotations
+from perception.cluster import Categories, Modes, evenly, least_votes, mean_shift, nearest_rotations
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.votes import Votes
@@ -22,14 +22,14 @@ class HypothesisConfig(Config):
     place_bandwidth: float = Field(0.12, gt=0, description="of the search for places by position alone, in units")
     min_votes_place: float = Field(4, gt=0, description="fewest votes of such a place, per 1,000 votes")
     max_places: int = Field(80, ge=1, description="places tried, those with most votes")
-    votes_per_place: int = Field(12, ge=0, description="single predicted rotations tried at each place")
+    votes_per_place: int = Field(8, ge=0, description="single predicted rotations tried at each place")
     near_symmetries: bool = Field(True, description="turn each hypothesis by the near symmetries of the CAD")
     slides: int = Field(0, ge=0, description="shifts by 0.1 units each way along the long axis (slender parts)")
     keep: int = Field(6, ge=1, description="hypotheses of a place that go into coarse ICP")
     keep_after_coarse: int = Field(3, ge=1, description="hypotheses of a place that go into fine ICP")
     tolerance: float = Field(0.07, gt=0, description="of the score before ICP, in units")
-    points: int = Field(96, ge=8, description="CAD points of that score")
-    screen_points: int = Field(24, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
+    points: int = Field(64, ge=8, description="CAD points of that score")
+    screen_points: int = Field(20, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
     apart: float = Field(0.06, ge=0, description="two hypotheses of a place nearer than this, in units, are one")
 
 
@@ -73,7 +73,7 @@ def find_places(votes: Votes, modes: Modes, categories: Categories, config: Hypo
     """Categories, and peaks of position that are no category."""
     reach = config.place_bandwidth
     positions = categories.positions
-    peaks = mean_shift(votes.centres / reach, 1024, 15) * reach
+    peaks = mean_shift(evenly(votes.centres, 1500) / reach, 512, 15) * reach
     if len(peaks):
         count = (_distances(votes.centres, peaks) < reach).sum(0)
         new = count >= least_votes(config.min_votes_place, len(votes))

@@ -41,8 +41,8 @@ class IcpStage:
 
 
 COARSE = (
-    IcpStage(0.12, 4, 160, halo=True, by_votes=True, rim=0.12),
-    IcpStage(0.06, 4, 160, halo=True, by_votes=True, rim=0.12),
+    IcpStage(0.12, 3, 128, halo=True, by_votes=True, rim=0.12),
+    IcpStage(0.06, 3, 128, halo=True, by_votes=True, rim=0.12),
 )
 FINE = (IcpStage(0.05, 3, 192, halo=True, by_votes=True, rim=0.08), IcpStage(0.03, 3, 192, rim=0.05))
 LAST = (

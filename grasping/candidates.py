@@ -123,6 +123,9 @@ def select(
                 counts.setdefault(poses.points[i].name, Counter())[str(verdict)] += 1
         ruled_out[k] = {name: dict(c) for name, c in counts.items()}
     found.sort(key=lambda c: -c.rank)
+    for candidate in found[weights.max_candidates :]:
+        of_point = ruled_out[candidate.estimate].setdefault(candidate.point.name, {})
+        of_point["outranked"] = of_point.get("outranked", 0) + 1
     return Selection(found[: weights.max_candidates], ruled_out)
 
 

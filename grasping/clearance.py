@@ -16,10 +16,10 @@ POINT_MARGIN = 0.0005  # [m] kept from the cloud
 VOXEL = 0.0025  # [m] spacing to which the cloud is thinned
 OWN = 0.003  # [m] cloud points this close to the estimated workpiece are its own
 
-
-_GRID = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1], indexing="ij"), -1).reshape(-1, 3)
-OUTLINE = _GRID[np.abs(_GRID).sum(1) >= 2].astype(float)
-"""Corners and edge middles (20, 3) of the box from -1 to 1."""
+CORNERS = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0], indexing="ij"), -1).reshape(-1, 3)
+"""Of the box from -1 to 1, (8, 3)."""
+EDGES = np.argwhere(np.triu(np.abs(CORNERS[:, None] - CORNERS[None]).sum(-1) == 2))
+"""Pairs (12, 2) of corners that an edge joins."""
 
 
 def thin(points: Array, voxel: float = VOXEL) -> Array:
@@ -46,22 +46,22 @@ class OpenGripper:
 
     Attributes:
         centres, halves: (b, 3) of its boxes in [m].
-        outline: (k, 3) corners and middles of edges of all boxes.
-        reach: distance in [m] from the TCP to the farthest corner.
+        corners: (8b, 3) of all boxes; edges: (12b, 2) the pairs of them that an edge joins.
     """
 
     centres: Array
     halves: Array
-    outline: Array
-    reach: float
+    corners: Array
+    edges: np.ndarray
 
     @staticmethod
     def of(boxes: Sequence[Box]) -> OpenGripper:
         """From the gripper's boxes in the tool frame."""
         centres = np.stack([b.T_world_box[:3, 3] for b in boxes])
         halves = np.stack([np.asarray(b.size) / 2 for b in boxes])
-        outline = (centres[:, None] + OUTLINE[None] * halves[:, None]).reshape(-1, 3)
-        return OpenGripper(centres, halves, outline, float(np.linalg.norm(outline, axis=1).max()))
+        corners = (centres[:, None] + CORNERS[None] * halves[:, None]).reshape(-1, 3)
+        edges = (8 * np.arange(len(boxes))[:, None, None] + EDGES).reshape(-1, 2)
+        return OpenGripper(centres, halves, corners, edges)
 
     def hits_points(self, Ts_world_tool: Array, points: Array, margin: float = POINT_MARGIN) -> np.ndarray:
         """(n,) bool: a point (k, 3) in the world is inside the gripper at a tool pose (n, 4, 4)."""
@@ -74,9 +74,26 @@ class OpenGripper:
         return np.asarray(inside.any(axis=1))
 
     def hits_bin(self, Ts_world_tool: Array, bin: Bin) -> np.ndarray:
-        """(n,) bool: part of the outline is in a wall, under the floor, or outside the walls below the rim."""
+        """(n,) bool: some of the gripper is in a wall, under the floor, or outside the walls below the rim."""
         lx, ly, lz = bin.inner
-        p = apply(invert(bin.T_world_bin) @ Ts_world_tool, self.outline)
-        low = p[..., 2] < lz + WALL_MARGIN
-        beyond = (np.abs(p[..., 0]) > lx / 2 - WALL_MARGIN) | (np.abs(p[..., 1]) > ly / 2 - WALL_MARGIN)
-        return np.asarray(((low & beyond) | (p[..., 2] < WALL_MARGIN)).any(axis=1))
+        p = apply(invert(bin.T_world_bin) @ Ts_world_tool, self.corners)
+        hit = np.asarray((p[..., 2] < WALL_MARGIN).any(axis=1))
+        below = lz + WALL_MARGIN - p[..., 2]
+        for axis, half in ((0, lx / 2), (1, ly / 2)):
+            for side in (-1, 1):
+                beyond = side * p[..., axis] - half + WALL_MARGIN
+                unsure = np.flatnonzero(~hit & (beyond > 0).any(axis=1))
+                hit[unsure] = _both_positive(beyond[unsure], below[unsure], self.edges)
+        return hit
+
+
+def _both_positive(a: Array, b: Array, edges: np.ndarray) -> np.ndarray:
+    """(n,) bool: somewhere on an edge both functions are above 0; they are linear, with values (n, k) at the corners.
+
+    Either at a corner, or where the edge crosses a = 0 with b above 0 (then a is above 0 just beside).
+    """
+    start, end = edges.T
+    a0, a1, b0, b1 = a[:, start], a[:, end], b[:, start], b[:, end]
+    crossing = (a0 > 0) != (a1 > 0)
+    positive = (a0 * b1 - a1 * b0) * (a0 - a1) > 0  # b at the crossing, times (a0 - a1) squared
+    return np.asarray(((a > 0) & (b > 0)).any(axis=1) | (crossing & positive).any(axis=1))

@@ -42,6 +42,12 @@ class Slide(Config):
     along: Triple
     offsets: tuple[float, ...] = Field(min_length=1, description="[m], most wanted first")
 
+    @model_validator(mode="after")
+    def _somewhere(self) -> Slide:
+        if np.linalg.norm(self.along) < 1e-6:
+            raise ValueError("along must not be zero")
+        return self
+
 
 class GraspPoint(Config):
     """One entry of grasps.yaml; vectors and [m] in the CAD frame.

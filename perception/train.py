@@ -163,7 +163,7 @@ def train(workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, co
     samples = stream(workpiece, heaps, config.seed, before, config.loaders)
     source = batches(samples, config, np.random.default_rng((config.seed, before, 1)))
     sums: dict[str, float] = {}
-    steps = 0
+    steps = summed = 0
     columns = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
     with Progress(*columns, console=console) as bar:
         task = bar.add_task(f"{workpiece.name} on {device.type}", total=1.0)
@@ -185,15 +185,15 @@ def train(workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, co
             mean.update(network)
             steps += 1
             clouds += len(batch)
+            summed += 1
             for key, value in parts.items():
                 sums[key] = sums.get(key, 0.0) + float(value)
             if clouds % config.validate_every < config.batch or done >= 1.0:
                 scores = validate(mean.network, validation, model, device)
                 seconds = seconds_before + time.monotonic() - start
-                n = max(1, round(config.validate_every / config.batch))
                 row = {"clouds": before + clouds, "seconds": seconds, **scores}
-                row |= {f"train_{k}": v / n for k, v in sums.items()}
-                sums = {}
+                row |= {f"train_{k}": v / summed for k, v in sums.items()}
+                sums, summed = {}, 0
                 history.append(row)
                 (out / "history.jsonl").write_text("".join(json.dumps(r) + "\n" for r in history))
                 _save(out, network, mean, history, before + clouds, seconds, workpiece, config)

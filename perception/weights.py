@@ -65,9 +65,11 @@ def load_weights(path: Path, workpiece: Workpiece) -> Ps6d:
         raise InputError(path, "schema", meta.get("schema"), f"{WEIGHTS_SCHEMA}; {remedy}")
     if meta.get("workpiece") != workpiece.name:
         raise InputError(path, "workpiece", meta.get("workpiece"), f"{workpiece.name}; {remedy}")
-    sizes = json.loads(meta["network"])
-    sizes["channels"] = tuple(sizes["channels"])
-    network = Ps6d(NetworkConfig(**sizes))
+    try:
+        sizes = json.loads(meta["network"])
+        network = Ps6d(NetworkConfig(**(sizes | {"channels": tuple(sizes["channels"])})))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, "network", f"{type(error).__name__}: {error}", remedy) from None
     try:
         network.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in tensors.items()}, strict=True)
     except RuntimeError as error:

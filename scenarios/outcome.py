@@ -59,10 +59,10 @@ def _what_happened(e: Evidence, force_limit: float, time_limit: float) -> Reason
         return Reason.TIMEOUT
     left = set(e.after.left(e.before, SOURCE))
     lost_placed = e.after.left(e.before, PLACE)
-    taken = set(e.carried) & left
+    held = set(e.carried or e.lifted or e.closed)  # as late as anything was held
     if len(e.lifted) > 1 or len(e.carried) > 1 or len(left & set(e.after.parts_in(PLACE))) > 1:
         return Reason.DOUBLE_PICK
-    if lost_placed or left - (set(e.closed) | set(e.lifted)):
+    if lost_placed or left - held:
         return Reason.EJECTED
     if not e.closed:
         return Reason.MISSED
@@ -72,7 +72,7 @@ def _what_happened(e: Evidence, force_limit: float, time_limit: float) -> Reason
         return Reason.DROPPED
     (part,) = e.carried
     placed = part in e.after.parts_in(PLACE) and bool(e.after.at_rest[part]) and e.released
-    return "" if placed and taken == {part} else Reason.MISPLACED
+    return "" if placed and left == {part} else Reason.MISPLACED
 
 
 def nearest_true(T_world_part: Array, truth: Array, workpiece: Workpiece) -> tuple[int, float, float]:

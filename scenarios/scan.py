@@ -24,12 +24,12 @@ def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
 
 def scan_heights(cell: Workcell, frame: DepthFrame) -> HeightField:
     """Highest measured point of every cell of a grid over the source bin; its floor where nothing was measured."""
+    points, T_world_bin = scene_points(cell, frame), cell.source.T_world_bin
     lx, ly, _ = cell.source.inner
-    local = apply(invert(cell.source.T_world_bin), scene_points(cell, frame))
-    nx, ny = int(lx / GRID) + 1, int(ly / GRID) + 1
-    heights = np.full((ny, nx), -GRID)
-    column = np.clip(np.rint((local[:, 0] + lx / 2) / GRID).astype(int), 0, nx - 1)
-    row = np.clip(np.rint((local[:, 1] + ly / 2) / GRID).astype(int), 0, ny - 1)
-    np.maximum.at(heights, (row, column), local[:, 2])
-    x, y, z = cell.source.position
-    return HeightField(heights + z, x - lx / 2, y - ly / 2, GRID)
+    half = np.abs(T_world_bin[:2, :2]) @ (lx / 2, ly / 2)  # the grid is along the world's axes, the bin may be turned
+    low = T_world_bin[:2, 3] - half
+    nx, ny = (2 * half / GRID).astype(int) + 1
+    heights = np.full((ny, nx), T_world_bin[2, 3] - GRID)
+    column, row = np.clip(np.rint((points[:, :2] - low) / GRID).astype(int), 0, (nx - 1, ny - 1)).T
+    np.maximum.at(heights, (row, column), points[:, 2])
+    return HeightField(heights, float(low[0]), float(low[1]), GRID)

@@ -17,7 +17,7 @@ from perception.cloud import Cloud, roi_mask, scene_cloud
 from perception.network import Ps6d, pack
 from perception.pose_estimate import PoseEstimate
 from perception.refine import RefineConfig, RefineResult, refine
-from perception.sampling import build_graph
+from perception.sampling import build_levels, input_points
 from perception.votes import Votes
 from perception.weights import load_weights, weights_path
 
@@ -61,9 +61,10 @@ class Perception:
     @torch.no_grad()
     def vote(self, cloud: Cloud, rng: np.random.Generator) -> Votes | None:
         """One pose vote for every voting point of every pass, in normalised camera coordinates; None without points."""
-        graphs = [g for g in (build_graph(cloud, rng) for _ in range(self.passes)) if g is not None]
-        if not graphs:
+        level0 = input_points(cloud, rng)
+        if level0 is None:
             return None
+        graphs = [build_levels(level0, rng) for _ in range(self.passes)]
         prediction = self.network(pack(graphs))
         origin = cloud.origin / cloud.unit
         points = np.concatenate([g.levels[0].points for g in graphs])

@@ -125,14 +125,43 @@ def local_frames(points: Array, normals: Array, queries: np.ndarray, tree: cKDTr
     return np.stack([x, np.cross(z, x), z], axis=2)
 
 
-def build_graph(cloud: Cloud, rng: np.random.Generator) -> Graph | None:
-    """Sample levels and neighbours; None when the cloud has too few points to hold a workpiece."""
-    source0 = voxel_sample(cloud.points, VOXELS[0], rng)
-    if len(source0) < 64:
+@dataclass(frozen=True)
+class InputPoints:
+    """Level 0: a voxel sample of the cloud with normals, shared by all samplings of the levels above.
+
+    Attributes:
+        source: (n0,) index into the cloud.
+        points, normals, view: (n0, 3) float64.
+        tree: over the points.
+    """
+
+    source: np.ndarray
+    points: Array
+    normals: Array
+    view: Array
+    tree: cKDTree
+
+
+def input_points(cloud: Cloud, rng: np.random.Generator) -> InputPoints | None:
+    """Sample level 0; None when the cloud has too few points to hold a workpiece."""
+    source = voxel_sample(cloud.points, VOXELS[0], rng)
+    if len(source) < 64:
         return None
-    points, view = cloud.points[source0], cloud.view[source0]
-    tree0 = cKDTree(points)
-    normals = normals_of(points, neighbours(tree0, points, NORMAL_NEIGHBOURS)[1], view)
+    points, view = cloud.points[source], cloud.view[source]
+    tree = cKDTree(points)
+    normals = normals_of(points, neighbours(tree, points, NORMAL_NEIGHBOURS)[1], view)
+    return InputPoints(source, points, normals, view, tree)
+
+
+def build_graph(cloud: Cloud, rng: np.random.Generator) -> Graph | None:
+    """Sample all levels of a cloud; None when it has too few points to hold a workpiece."""
+    level0 = input_points(cloud, rng)
+    return None if level0 is None else build_levels(level0, rng)
+
+
+def build_levels(level0: InputPoints, rng: np.random.Generator) -> Graph:
+    """Sample levels 1 to 3 over the input points, and find all neighbours."""
+    points, normals, tree0 = level0.points, level0.normals, level0.tree
     members = [np.arange(len(points))]
     for voxel in VOXELS[1:]:
         below = members[-1]
@@ -140,33 +169,31 @@ def build_graph(cloud: Cloud, rng: np.random.Generator) -> Graph | None:
         if len(chosen) < MIN_POINTS:
             chosen = np.arange(min(MIN_POINTS, len(below)))
         members.append(below[chosen])
-    frames1 = local_frames(points, normals, members[1], tree0)
-    frame_of = np.zeros((len(points), 3, 3))
-    frame_of[members[1]] = frames1
+    frames = np.zeros((len(points), 3, 3))
+    frames[members[1]] = local_frames(points, normals, members[1], tree0)
     trees = [tree0] + [cKDTree(points[m]) for m in members[1:]]
-    levels = []
-    for i in (1, 2, 3):
-        here = points[members[i]]
-        if i > 1:
-            d, up = neighbours(trees[i], points[members[i - 1]], K_UP)
-            weights = 1.0 / np.maximum(d, 1e-3)
-            weights /= weights.sum(1, keepdims=True)
-        else:
-            up, weights = np.zeros((0, K_UP), np.int64), np.zeros((0, K_UP))
-        levels.append(
-            Level(
-                here.astype(np.float32),
-                frame_of[members[i]].astype(np.float32),
-                neighbours(trees[i - 1], here, K_SET)[1].astype(np.int64),
-                neighbours(trees[i], here, K_BLOCK)[1].astype(np.int64),
-                up.astype(np.int64),
-                weights.astype(np.float32),
-            )
-        )
+    levels = [_level(i, points, frames, members, trees) for i in (1, 2, 3)]
     return Graph(
         points.astype(np.float32),
         normals.astype(np.float32),
-        view.astype(np.float32),
+        level0.view.astype(np.float32),
         (levels[0], levels[1], levels[2]),
-        source0[members[1]],
+        level0.source[members[1]],
+    )
+
+
+def _level(i: int, points: Array, frames: Array, members: list[np.ndarray], trees: list[cKDTree]) -> Level:
+    here = points[members[i]]
+    up, weights = np.zeros((0, K_UP), np.int64), np.zeros((0, K_UP))
+    if i > 1:
+        distance, up = neighbours(trees[i], points[members[i - 1]], K_UP)
+        weights = 1.0 / np.maximum(distance, 1e-3)
+        weights /= weights.sum(1, keepdims=True)
+    return Level(
+        here.astype(np.float32),
+        frames[members[i]].astype(np.float32),
+        neighbours(trees[i - 1], here, K_SET)[1].astype(np.int64),
+        neighbours(trees[i], here, K_BLOCK)[1].astype(np.int64),
+        up.astype(np.int64),
+        weights.astype(np.float32),
     )

@@ -15,7 +15,6 @@ from cell.gripper import Gripper
 from cell.urdf import FINGERS, merged_urdf
 from cell.world import World, engine_friction
 
-SERVO_FORCE = 2000.0  # [N m] large: the servo of a position-controlled arm is not what is tested
 GEAR_FORCE = 1e4  # [N] that keeps the fingers symmetric
 
 
@@ -57,16 +56,20 @@ class Arm:
                     flags=pybullet.URDF_USE_INERTIA_FROM_FILE,  # no self-collision: the planner sees to that
                 )
             )
-        joints, links = {}, {}
+        joints, links, efforts = {}, {}, {}
         for j in range(client.getNumJoints(self.body)):
             info = client.getJointInfo(self.body, j)
             joints[info[1].decode()], links[info[12].decode()] = j, j
+            efforts[info[1].decode()] = float(info[10])
             client.setJointMotorControl2(self.body, j, pybullet.VELOCITY_CONTROL, force=0)  # frictionless
             client.changeDynamics(self.body, j, linearDamping=0, angularDamping=0, jointDamping=0)
         for name in self.joint_names:
             if name not in joints:
                 raise InputError(urdf, "joint", name, f"one of: {', '.join(joints)}")
+            if efforts[name] <= 0:
+                raise InputError(urdf, f"effort of joint {name}", efforts[name], "a positive torque in [N m]")
         self._joints = [joints[name] for name in self.joint_names]
+        self._torques = [efforts[name] for name in self.joint_names]
         self._fingers = [joints[f"{name}_joint"] for name in FINGERS]
         self._flange = links[flange]
         self.link_names = {-1: "base", **{index: name for name, index in links.items()}}
@@ -106,7 +109,7 @@ class Arm:
         """Set the servo's target (n,) [rad] for the next step.
 
         With kp = kd = 1 and target velocity 0 the motor constraint asks for (target - q) / dt, so the target is
-        reached in one step; a feed-forward velocity would count twice.
+        reached in one step; a feed-forward velocity would count twice. The torque is limited to the URDF's effort.
 
         Raises:
             SimulationError: a target is not finite (one NaN would poison the arm for good).
@@ -118,7 +121,7 @@ class Arm:
             pybullet.POSITION_CONTROL,
             targetPositions=self._checked(q).tolist(),
             targetVelocities=[0.0] * n,
-            forces=[SERVO_FORCE] * n,
+            forces=self._torques,
             positionGains=[1.0] * n,
             velocityGains=[1.0] * n,
         )

@@ -17,7 +17,7 @@ from cell.world import World
 HELD_FORCE = 0.5  # [N] of each finger on a workpiece that counts as held
 STILL = 2e-3  # [m/s] finger speed under which the jaws have stopped
 DOZE_EVERY = 48  # steps between looks for workpieces that have come to rest and can sleep
-MAX_ERROR = 0.1  # [rad] tracking error under which the servo's state can be trusted
+MAX_ERROR = 0.02  # [rad] following error at which a controller gives up
 
 
 @dataclass
@@ -31,7 +31,8 @@ class MotionLog:
         max_force_link, max_force_against: which link, and what it touched; empty when nothing was touched.
         max_finger_force: largest normal force [N] of a static box on a finger.
         touched: names of everything that the arm or the gripper's body touched.
-        stopped: the trajectory was cut short because `max_force` reached `stop_above`.
+        stopped: the trajectory was cut short because `max_force` reached `stop_above`, or because something held the
+            arm back by more than MAX_ERROR.
     """
 
     time: float = 0.0
@@ -83,7 +84,7 @@ def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -
             collision guard would do; None to push through.
 
     Raises:
-        SimulationError: a target is not finite, or the arm does not follow.
+        SimulationError: a target or a joint angle is not finite.
     """
     log = MotionLog()
     for row in np.atleast_2d(q):
@@ -92,11 +93,11 @@ def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -
         error = float(np.abs(arm.q - row).max())
         log.max_error = max(log.max_error, error)
         _watch(world, arm, log)
-        if stop_above is not None and log.max_force > stop_above:
+        if not np.isfinite(error):
+            raise SimulationError("a joint angle is not finite")
+        if error > MAX_ERROR or (stop_above is not None and log.max_force > stop_above):
             log.stopped = True
             break
-        if not error < MAX_ERROR:
-            raise SimulationError(f"the arm is {error:.3g} rad away from its target")
     if log.stopped:
         arm.command(arm.q)
     return log

@@ -104,6 +104,18 @@ def test_a_finger_on_the_table_is_not_a_collision_but_is_seen(cell: GraspCell) -
     assert log.max_force == 0.0 and not log.touched
 
 
+def test_an_arm_that_is_held_back_gives_up(cell: GraspCell) -> None:
+    T = cell.arm.tool_pose()
+    T[:2, 3] += 0.05
+    cell.arm.reset(cell.solve(T[None])[0])
+    deep = make_transform(t=(0.0, 0.0, -T[2, 3] - 0.05)) @ T
+    q = cell.solve(make_transform(R_DOWN, np.linspace(T[:3, 3], deep[:3, 3], 300)))
+    log = execute(cell.world, cell.arm, q)
+    assert log.stopped and log.time < 300 * cell.world.dt
+    assert 100.0 < log.max_finger_force < 2500.0  # what the joints' torques can press
+    assert cell.arm.tool_pose()[2, 3] > -0.002
+
+
 def test_a_target_that_is_not_a_number_is_refused(cell: GraspCell) -> None:
     q = cell.arm.q
     with pytest.raises(SimulationError, match="finite"):

@@ -1,0 +1,88 @@
+"""Hypotheses: exact alignment, near symmetries, places found by position alone, and the truth among what is kept."""
+
+import artificial
+import numpy as np
+import pytest
+import torch
+
+from cell.frames import random_rotations, rotation_angle
+from cell.workpiece import load_workpiece
+from perception.cluster import Categories, ClusterConfig, Modes, cluster
+from perception.hypotheses import HypothesisConfig, Hypotheses, best_of_each_place, find_places, kabsch, propose
+from perception.shape_model import ShapeModel
+from perception.surface_map import SurfaceMap
+from perception.votes import Votes
+
+
+def test_kabsch_recovers_a_pose_and_ignores_points_without_weight():
+    rng = np.random.default_rng(0)
+    R, t = random_rotations(1, rng)[0], rng.normal(size=3)
+    model = rng.normal(size=(20, 3))
+    measured = model @ R.T + t
+    measured[15:] += 10.0
+    found_R, found_t = kabsch(model, measured, np.r_[np.ones(15), np.zeros(5)])
+    assert np.allclose(found_R, R) and np.allclose(found_t, t)
+
+
+def test_near_symmetries_are_rotations_that_nearly_keep_the_surface():
+    shape = ShapeModel.of(load_workpiece("bracket"))
+    near = shape.near_symmetries
+    assert np.allclose(near[0], np.eye(3)) and len(near) >= 4
+    assert np.allclose(near @ np.swapaxes(near, 1, 2), np.eye(3)) and np.allclose(np.linalg.det(near), 1)
+    for R in near:
+        distance = shape.field.look_up(torch.from_numpy((shape.points @ R.T).astype(np.float32)))[0]
+        assert float(distance.abs().mean()) < 0.07
+
+
+def test_true_symmetries_are_not_near_symmetries():
+    shape = ShapeModel.of(artificial.bar())
+    for R in shape.near_symmetries[1:]:
+        assert min(rotation_angle(R.T @ s) for s in shape.symmetry.S) > 0.1
+
+
+def test_best_of_each_place_keeps_the_best_that_differ():
+    shape = ShapeModel.of(load_workpiece("bracket"))
+    t = torch.tensor([[0.0, 0, 15], [0.01, 0, 15], [0.3, 0, 15], [0.5, 0, 15], [9, 0, 15]])
+    many = Hypotheses(torch.eye(3).expand(5, 3, 3), t, np.array([0, 0, 0, 0, 1]), np.array([0.9, 0.8, 0.5, 0.6, 0.1]))
+    assert best_of_each_place(many, shape, 2, 0.05).tolist() == [0, 3, 4]
+    assert best_of_each_place(many, shape, 2, 0.0).tolist() == [0, 1, 4]
+
+
+def test_places_are_found_where_rotations_agree_on_nothing():
+    rng = np.random.default_rng(1)
+    truth = np.array([[0.0, 0, 15], [1, 0, 15], [0, 1, 15]])
+    centres = np.repeat(truth, 30, axis=0) + rng.normal(0, 0.03, (90, 3))
+    votes = Votes(centres, centres, random_rotations(90, rng))
+    shape = ShapeModel.of(load_workpiece("bracket"))
+    modes, categories = cluster(votes, shape, ClusterConfig())
+    places = find_places(votes, modes, categories, HypothesisConfig())
+    gaps = np.linalg.norm(places.positions[:, None] - truth, axis=-1)
+    assert (gaps.min(0) < 0.05).all() and (gaps.min(1) < 0.15).all()
+    assert (places.of_vote >= 0).mean() > 0.95
+
+
+def test_no_votes_no_places():
+    places = find_places(
+        Votes(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3))),
+        Modes.none(0), Categories.none(), HypothesisConfig(),
+    )  # fmt: skip
+    assert len(places.positions) == 0
+
+
+@pytest.mark.parametrize("cad", [True, False])
+def test_the_truth_is_among_the_hypotheses_of_weak_votes(cad):
+    scene = artificial.heap()
+    shape = ShapeModel.of(scene.workpiece)
+    votes = artificial.votes_of(scene, 0, position=0.12, angle_deg=25, outliers=0.3)
+    if not cad:
+        votes = Votes(votes.points, votes.centres, votes.rotations)
+    surface = SurfaceMap.of(scene.frame, shape.unit, 1.2e-4)
+    modes, categories = cluster(votes, shape, ClusterConfig())
+    places = find_places(votes, modes, categories, HypothesisConfig())
+    found = propose(votes, modes, categories, places, surface, shape, HypothesisConfig())
+    embedded = shape.embed(found.rotations.double().numpy())
+    seen = scene.pixels > 0.5 * scene.pixels.max()
+    for T in scene.Ts_camera_part[seen]:
+        turn = np.linalg.norm(embedded - shape.embed(T[:3, :3]), axis=1)
+        shift = np.linalg.norm(found.positions.numpy() - T[:3, 3] / shape.unit, axis=1)
+        assert np.hypot(turn, shift).min() < 0.15

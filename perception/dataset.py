@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import multiprocessing as mp
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,7 +108,7 @@ def _work(queue: Any, name: str, heaps: list[Array], seed: int, start: int, stri
         index += stride
 
 
-def stream(workpiece: Workpiece, heaps: list[Array], seed: int, start: int, workers: int) -> Iterator[Sample]:
+def stream(workpiece: Workpiece, heaps: list[Array], seed: int, start: int, workers: int) -> Generator[Sample, None, None]:
     """Endless clouds start, start + 1, ... of a stream, made by `workers` processes (0: in this one)."""
     if workers == 0:
         index = start

@@ -46,13 +46,16 @@ def save_weights(path: Path, network: Ps6d, workpiece: Workpiece, record: dict[s
     part.replace(path)
 
 
-def load_weights(path: Path, workpiece: Workpiece) -> Ps6d:
+def load_weights(path: Path, workpiece: Workpiece | None) -> Ps6d:
     """The network with its weights, in evaluation mode, on the CPU in fp32.
+
+    Args:
+        workpiece: whose weights they must be; None to take any, as a start for training another.
 
     Raises:
         InputError: missing, corrupt, of another workpiece, or of another architecture.
     """
-    remedy = f"weights written by `pickproof train {workpiece.name}`"
+    remedy = f"weights written by `pickproof train {workpiece.name if workpiece else 'WORKPIECE'}`"
     if not path.is_file():
         raise InputError(path, "", "missing file", remedy)
     try:
@@ -63,7 +66,7 @@ def load_weights(path: Path, workpiece: Workpiece) -> Ps6d:
         raise InputError(path, "", f"corrupt file ({error})", remedy) from None
     if meta.get("schema") != str(WEIGHTS_SCHEMA):
         raise InputError(path, "schema", meta.get("schema"), f"{WEIGHTS_SCHEMA}; {remedy}")
-    if meta.get("workpiece") != workpiece.name:
+    if workpiece is not None and meta.get("workpiece") != workpiece.name:
         raise InputError(path, "workpiece", meta.get("workpiece"), f"{workpiece.name}; {remedy}")
     try:
         sizes = json.loads(meta["network"])

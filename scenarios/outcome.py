@@ -53,7 +53,7 @@ def judge(evidence: Evidence, force_limit: float, time_limit: float) -> Reason |
 
 
 def _what_happened(e: Evidence, force_limit: float, time_limit: float) -> Reason | Literal[""]:
-    if e.log.max_force > force_limit:
+    if e.log.max_force > force_limit or e.log.stopped:
         return Reason.COLLISION
     if e.seconds > time_limit:
         return Reason.TIMEOUT

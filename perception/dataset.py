@@ -24,6 +24,9 @@ from perception.sampling import Graph, build_graph
 from perception.scenes import View, heap_bin, random_view, render_heap
 
 
+Samples = Generator["Sample", None, None]
+
+
 @dataclass(frozen=True)
 class Sample:
     """A graph and the truth of its voting points.
@@ -108,7 +111,7 @@ def _work(queue: Any, name: str, heaps: list[Array], seed: int, start: int, stri
         index += stride
 
 
-def stream(workpiece: Workpiece, heaps: list[Array], seed: int, start: int, workers: int) -> Generator[Sample, None, None]:
+def stream(workpiece: Workpiece, heaps: list[Array], seed: int, start: int, workers: int) -> Samples:
     """Endless clouds start, start + 1, ... of a stream, made by `workers` processes (0: in this one)."""
     if workers == 0:
         index = start

@@ -21,6 +21,7 @@ from perception.loss import SymmetricModel, ps6d_loss, rotation_loss
 from perception.network import NetworkConfig, Prediction, Ps6d, pack
 from perception.weights import load_weights, save_weights
 
+Batches = Generator[list[Sample], None, None]
 EMA_DECAY = 0.998
 MODEL_POINTS = 16
 """CAD points compared by the rotation loss."""
@@ -101,7 +102,7 @@ def validate(network: Ps6d, samples: list[Sample], model: SymmetricModel, device
     }
 
 
-def batches(samples: Iterator[Sample], config: TrainConfig, rng: np.random.Generator) -> Generator[list[Sample], None, None]:
+def batches(samples: Iterator[Sample], config: TrainConfig, rng: np.random.Generator) -> Batches:
     """Batches from a replay buffer: rendering a cloud costs more than reading it again with other batch mates."""
     buffer: list[Sample] = []
     owed = 0.0

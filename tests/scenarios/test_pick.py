@@ -1,0 +1,141 @@
+"""One attempt at a time, with perception handed in, in the real cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from cell.frames import Array, apply, invert, make_transform
+from grasping.candidates import Selection
+from scenarios.episode import oracle_perception
+from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide
+from scenarios.place import PlacePlan
+from scenarios.records import Reason
+from scenarios.scan import BIN_MARGIN, GRID, scan_heights, scene_points
+from scenarios.scenario import load_scenario
+from scenarios.workcell import SOURCE, Workcell
+
+YAW = 0.6
+
+
+@pytest.fixture(scope="module")
+def cell() -> Iterator[Workcell]:
+    """Two brackets in a source bin that is turned in the world."""
+    source = f"source_bin={{inner: [0.24, 0.16, 0.06], position: [0.45, 0.02, 0.01], yaw: {YAW}}}"
+    built = Workcell.build(load_scenario("bracket", ["count=2", source]), seed=4)
+    yield built
+    built.close()
+
+
+@pytest.fixture
+def memory(cell: Workcell) -> Memory:
+    return Memory(PlacePlan(cell.place, cell.workpiece))
+
+
+def always(Ts_world_part: Array) -> Perceive:
+    """Perception that believes in these poses."""
+    k = len(Ts_world_part)
+    return lambda cell, frame, ids, rng: Estimates(Ts_world_part, np.full(k, 0.9), np.zeros(k))
+
+
+def empty_corner(cell: Workcell) -> Array:
+    """A pose flat on the bin floor, as far from every workpiece as the bin allows; the box in world is turned."""
+    x, y = np.meshgrid(np.linspace(-0.06, 0.06, 9), np.linspace(-0.04, 0.04, 9))
+    spots = apply(cell.source.T_world_bin, np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.008)], 1))
+    true = cell.observe().Ts_world_part[:, :3, 3]
+    gaps = np.linalg.norm(spots[:, None] - true[None], axis=2).min(axis=1)
+    assert gaps.max() > 0.05
+    return cell.source.T_world_bin @ make_transform(t=invert(cell.source.T_world_bin)[:3] @ [*spots[gaps.argmax()], 1])
+
+
+def test_the_scan_sees_the_workpieces_and_not_the_bin(cell: Workcell) -> None:
+    frame, _ = cell.capture(np.random.default_rng(0))
+    points = scene_points(cell, frame)
+    assert len(points) > 500
+    nearest = np.min(
+        [np.abs(cell.workpiece.mesh.nearest.on_surface(apply(invert(T), points[::60]))[1])
+         for T in cell.observe().Ts_world_part],
+        axis=0,
+    )  # fmt: skip
+    assert np.quantile(nearest, 0.95) < 0.002
+    assert points[:, 2].min() > cell.source.position[2] + BIN_MARGIN
+
+
+def test_heights_lie_where_the_points_lie_though_the_bin_is_turned(cell: Workcell) -> None:
+    frame, _ = cell.capture(np.random.default_rng(0))
+    points, field = scene_points(cell, frame), scan_heights(cell, frame)
+    ny, nx = field.heights.shape
+    ys, xs = np.mgrid[:ny, :nx]
+    nodes = np.stack([field.x0 + GRID * xs, field.y0 + GRID * ys], axis=-1)
+    tree = cKDTree(points[:, :2])
+    for row, column in [(i, j) for i in range(0, ny, 2) for j in range(0, nx, 2)]:
+        under = tree.query_ball_point(nodes[row, column], 0.999 * GRID / 2, p=np.inf)
+        if under:
+            assert field.heights[row, column] == pytest.approx(points[under, 2].max(), abs=1e-12)
+        elif not tree.query_ball_point(nodes[row, column], 1.001 * GRID / 2, p=np.inf):
+            assert field.heights[row, column] == pytest.approx(cell.source.position[2] - GRID)
+    corners = np.array([[sx * 0.12, sy * 0.08, 0.0] for sx in (-1, 1) for sy in (-1, 1)])
+    inner = apply(cell.source.T_world_bin, corners)[:, :2]
+    assert (inner > (field.x0 - 1e-9, field.y0 - 1e-9)).all()
+    assert (inner < np.array([field.x0 + GRID * nx, field.y0 + GRID * ny])).all()
+
+
+def test_nothing_found_and_nothing_free_are_told_apart(cell: Workcell, memory: Memory) -> None:
+    frame, _ = cell.capture(np.random.default_rng(0))
+    nothing = decide(cell, frame, Selection([], {}), memory, 0)
+    blocked = decide(cell, frame, Selection([], {0: {"plate_from_top": {"tilt": 3}}}), memory, 0)
+    assert (nothing.reason, blocked.reason) == (Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED)
+    assert nothing.candidate is nothing.plan is blocked.candidate is blocked.plan is None
+
+
+def test_seeing_nothing_is_a_no_pick_that_moves_nothing(cell: Workcell, memory: Memory) -> None:
+    before = cell.observe()
+    record = attempt_pick(cell, always(np.zeros((0, 4, 4))), memory, seed=0, attempt=0)
+    assert (record.moved, record.reason, record.n_estimates) == (False, Reason.NO_DETECTION, 0)
+    assert record.robot_s == 0 and record.grasp == "" and record.tree == []
+    np.testing.assert_array_equal(cell.observe().Ts_world_part, before.Ts_world_part)
+
+
+def test_a_pose_where_nothing_lies_is_a_wrong_pose_and_is_left_alone_after(cell: Workcell, memory: Memory) -> None:
+    wrong = empty_corner(cell)[None]
+    first = attempt_pick(cell, always(wrong), memory, seed=0, attempt=0)
+    assert (first.moved, first.success, first.reason) == (True, False, Reason.WRONG_POSE)
+    assert first.error_mm is not None and first.error_mm > 1000 * cell.workpiece.tolerance
+    assert first.parts_in_bin_before == 2 == len(cell.observe().parts_in(SOURCE))
+    assert memory.avoided(wrong, 1, span=4).tolist() == [True]
+    assert sum(memory.place.used) == 0
+    second = attempt_pick(cell, always(wrong), memory, seed=0, attempt=1)
+    assert (second.moved, second.reason) == (False, Reason.ALL_GRASPS_BLOCKED)
+    assert {r for of in second.tree[0]["ruled_out"].values() for r in of} == {"avoided"}
+
+
+def test_what_is_avoided_is_near_and_recent(memory: Memory) -> None:
+    memory.failed.append((3, np.array([0.4, 0.0, 0.02])))
+    Ts = make_transform(t=[[0.4, 0.9 * AVOID_RADIUS, 0.02], [0.4, 1.1 * AVOID_RADIUS, 0.02]])
+    assert memory.avoided(Ts, attempt=4, span=2).tolist() == [True, False]
+    assert memory.avoided(Ts, attempt=5, span=2).tolist() == [True, False]
+    assert memory.avoided(Ts, attempt=6, span=2).tolist() == [False, False]
+    assert memory.avoided(Ts[:0], attempt=4, span=2).shape == (0,)
+
+
+def test_the_plan_ends_the_grasp_where_the_candidate_says(cell: Workcell, memory: Memory) -> None:
+    rng = np.random.default_rng(0)
+    frame, ids = cell.capture(rng)
+    selection = choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0)
+    decision = decide(cell, frame, selection, memory, 0)
+    assert decision.reason == ""
+    assert decision.candidate is not None and decision.plan is not None
+    cell.arm.reset(decision.plan.approach.q[-1])
+    np.testing.assert_allclose(cell.arm.tool_pose(), decision.candidate.T_world_tool, atol=1e-4)
+    cell.arm.reset(cell.robot.home)
+    assert set(decision.refused) < set(range(len(selection.candidates)))
+
+
+def test_a_right_pose_is_picked_from_a_turned_bin(cell: Workcell, memory: Memory) -> None:
+    record = attempt_pick(cell, oracle_perception, memory, seed=0, attempt=0)
+    assert record.success, record.reason
+    assert len(cell.observe().parts_in(SOURCE)) == 1
+    assert sum(memory.place.used) == 1 and not memory.failed

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.bin import Bin
+from cell.frames import Array, apply, invert, make_transform, random_rotations
+from cell.gripper import load_gripper
+from cell.workpiece import Workpiece, load_workpiece
+from grasping.grasp_points import load_grasps
+from scenarios.place import DROP, SLOTS_OFFERED, YAWS, PlacePlan
+
+BIN = Bin("place", (0.26, 0.20, 0.06), 0.006, (0.22, -0.40, 0.01), 0.4)
+
+
+@pytest.fixture(scope="module")
+def bracket() -> Workpiece:
+    return load_workpiece("bracket")
+
+
+@pytest.fixture(scope="module")
+def holds(bracket: Workpiece) -> Array:
+    """T_part_tool (n, 4, 4): some of the bracket's own grasps, and holds at odd angles."""
+    rng = np.random.default_rng(0)
+    own = load_grasps(bracket, load_gripper("jaw_v1")).Ts_part_tool
+    odd = make_transform(random_rotations(10, rng), rng.uniform(-0.02, 0.02, (10, 3)))
+    return np.concatenate([own[rng.choice(len(own), 20, replace=False)], odd])
+
+
+def parts_in_bin(plan: PlacePlan, T_part_tool: Array) -> Array:
+    """T_bin_part of the held part at every offered pose."""
+    return invert(plan.bin.T_world_bin) @ plan.tool_poses(T_part_tool) @ invert(T_part_tool)
+
+
+def test_the_tool_points_straight_down_in_every_yaw(bracket: Workpiece, holds: Array) -> None:
+    plan = PlacePlan(BIN, bracket)
+    for T_part_tool in holds:
+        Ts = plan.tool_poses(T_part_tool)
+        assert Ts.shape == (SLOTS_OFFERED * YAWS, 4, 4)
+        np.testing.assert_allclose(Ts[:, :3, 2], np.tile([0.0, 0.0, -1.0], (len(Ts), 1)), atol=1e-12)
+        yaw = np.arctan2(Ts[:YAWS, 1, 0], Ts[:YAWS, 0, 0])
+        steps = (yaw - yaw[0]) % (2 * np.pi)
+        np.testing.assert_allclose(np.sort(steps), np.arange(YAWS) * 2 * np.pi / YAWS, atol=1e-9)
+
+
+def test_the_lowest_point_is_released_just_above_what_lies_below(bracket: Workpiece, holds: Array) -> None:
+    plan = PlacePlan(BIN, bracket)
+    layer = float(np.sort(bracket.extents)[1])
+    for T_part_tool in holds:
+        Ts = parts_in_bin(plan, T_part_tool)
+        heights = apply(Ts, bracket.vertices)[..., 2].min(axis=1)
+        filled = np.array(plan.used)[plan.offered]
+        np.testing.assert_allclose(heights, DROP + filled * layer, atol=1e-9)
+        plan.fill(0)
+
+
+def test_the_part_hangs_over_the_middle_of_its_slot_whatever_the_hold(bracket: Workpiece, holds: Array) -> None:
+    plan = PlacePlan(BIN, bracket)
+    for T_part_tool in holds:
+        centres = parts_in_bin(plan, T_part_tool)[:, :2, 3]
+        np.testing.assert_allclose(centres, plan.slots[plan.offered], atol=1e-9)
+        plan.fill(5)
+
+
+def test_no_slot_lets_a_part_stick_out_over_a_wall(bracket: Workpiece, holds: Array) -> None:
+    plan = PlacePlan(BIN, bracket)
+    flat = holds[0]
+    for _ in range(len(plan.slots)):
+        Ts = parts_in_bin(plan, flat)
+        reach = np.abs(apply(Ts, bracket.vertices)[..., :2]).max(axis=(0, 1))
+        assert (reach < np.array(BIN.inner[:2]) / 2).all()
+        plan.fill(0)
+
+
+def test_slots_fill_evenly_in_layers(bracket: Workpiece, holds: Array) -> None:
+    plan = PlacePlan(BIN, bracket)
+    n = len(plan.slots)
+    assert n >= 4
+    rng = np.random.default_rng(1)
+    for placed in range(1, 3 * n + 1):
+        poses = plan.tool_poses(holds[0])
+        plan.fill(int(rng.integers(YAWS)))  # the planner may take any yaw of the first slot
+        assert sum(plan.used) == placed
+        assert max(plan.used) - min(plan.used) <= 1
+        assert len(poses) == len(plan.offered)
+    assert set(plan.used) == {3}
+
+
+def test_a_refused_slot_is_offered_again(bracket: Workpiece, holds: Array) -> None:
+    plan = PlacePlan(BIN, bracket)
+    plan.tool_poses(holds[0])
+    plan.fill(2 * YAWS)  # the third choice
+    assert np.flatnonzero(plan.used).tolist() == [plan.offered[2 * YAWS]]
+    plan.tool_poses(holds[0])
+    assert 2 not in plan.offered
+    assert plan.offered[0] == 0
+
+
+def test_a_bin_smaller_than_the_part_has_one_slot_in_its_middle(bracket: Workpiece) -> None:
+    plan = PlacePlan(replace(BIN, inner=(0.05, 0.04, 0.05)), bracket)
+    np.testing.assert_allclose(plan.slots, [[0.0, 0.0]], atol=1e-12)
+    assert plan.tool_poses(np.eye(4)).shape == (YAWS, 4, 4)

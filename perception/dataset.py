@@ -23,7 +23,6 @@ from perception.loss import Target, centre_distance_weights
 from perception.sampling import Graph, build_graph
 from perception.scenes import View, heap_bin, random_view, render_heap
 
-
 Samples = Generator["Sample", None, None]
 
 

@@ -35,7 +35,8 @@ class View:
 
 def heap_bin(workpiece: Workpiece) -> Bin:
     """The bin in which a workpiece's heaps lie, at the world's origin."""
-    return Bin("bin", workpiece.heap.bin_inner, 0.006, (0.0, 0.0, FLOOR))
+    inner = workpiece.heap.bin_inner
+    return Bin("bin", inner, max(0.006, 0.02 * max(inner)), (0.0, 0.0, FLOOR))
 
 
 def heap_boxes(workpiece: Workpiece) -> list[Box]:

@@ -18,6 +18,8 @@ from scipy.spatial.transform import Rotation
 from cell.frames import Array, from_rpy, make_transform
 from cell.pieces import CollisionBox, CollisionCylinder
 
+Piece = CollisionBox | CollisionCylinder
+
 AXES = {"z": (0.0, 0.0, 0.0), "x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0)}
 """Roll, pitch, yaw that turn z into the axis of that name."""
 
@@ -27,7 +29,7 @@ class Solid:
     """A body and its collision pieces, both in [mm]."""
 
     body: m3.Manifold
-    pieces: tuple[CollisionBox | CollisionCylinder, ...] = ()
+    pieces: tuple[Piece, ...] = ()
 
     def __add__(self, other: Solid) -> Solid:
         return Solid(self.body + other.body, self.pieces + other.pieces)
@@ -107,7 +109,7 @@ def write(solid: Solid, path: Path) -> None:
     print(pieces_yaml(solid))
 
 
-def _moved(piece: CollisionBox | CollisionCylinder, T: Array) -> CollisionBox | CollisionCylinder:
+def _moved(piece: Piece, T: Array) -> Piece:
     moved = T @ from_rpy(piece.centre, piece.rpy)
     centre, R = tuple(moved[:3, 3].tolist()), moved[:3, :3]
     if isinstance(piece, CollisionCylinder):

@@ -1,7 +1,7 @@
 """Parametric CAD of the eye bolt: `python scenarios/workpieces/ring_screw/make_cad.py` writes ring_screw.ply [mm].
 
-Envelope 99 x 65 x 151 mm (the paper's IPARingScrew), 2-fold about its long axis z: a ring in the x-z plane, a collar and
-a shank, proportioned as an M30 eye bolt; its thread is a plain cylinder.
+Envelope 99 x 65 x 151 mm (the paper's IPARingScrew), 2-fold about its long axis z: a ring in the x-z plane, a collar
+and a shank, proportioned as an M30 eye bolt; its thread is a plain cylinder.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 import manifold3d as m3
 import numpy as np
 
-from scenarios.workpieces.cad import Solid, cylinder, write
+from scenarios.workpieces.cad import Piece, Solid, cylinder, write
 
 LENGTH, RING_DIAMETER, COLLAR_DIAMETER = 151.0, 99.0, 65.0
 WIRE_RADIUS = 11.0  # of the ring's round section
@@ -25,7 +25,7 @@ def ring() -> Solid:
     wire = m3.CrossSection.circle(WIRE_RADIUS, 16).translate((radius, 0))
     torus = Solid(wire.revolve(40).rotate((90, 0, 0)))
     length = 2 * radius * np.tan(np.pi / RING_PIECES)
-    pieces: tuple = ()
+    pieces: tuple[Piece, ...] = ()
     for i in range(RING_PIECES):
         angle = 2 * np.pi * (i + 0.5) / RING_PIECES
         turn = np.eye(4)

@@ -30,4 +30,4 @@ def fill_folder(folder: Path, first_seed: int, count: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     heaps = small_heaps()
     named = {str(first_seed + i): heaps[i % len(heaps)] for i in range(count)}
-    np.savez_compressed(folder / f"heaps-bracket-{first_seed}.npz", allow_pickle=False, **named)
+    np.savez_compressed(folder / f"heaps-bracket-{first_seed}.npz", **named)

@@ -55,7 +55,6 @@ class Modes:
     counts: Ints
     labels: Ints
 
-
     @staticmethod
     def none(votes: int) -> Modes:
         """No modes among `votes` votes."""
@@ -145,10 +144,7 @@ def vote(votes: Votes, modes: Modes, of_mode: Ints, shape: ShapeModel) -> Catego
         R = votes.rotations[candidates]
         all_embedded = shape.embed(R)
         distance = np.stack(
-            [
-                np.linalg.norm(shape.embed(R @ s)[:, None] - all_embedded[None], axis=-1)
-                for s in shape.symmetry.S
-            ]
+            [np.linalg.norm(shape.embed(R @ s)[:, None] - all_embedded[None], axis=-1) for s in shape.symmetry.S]
         ).min(0)
         mean_error = np.minimum(distance, 0.3).mean(1)
         best = int(mean_error.argmin())
@@ -227,5 +223,3 @@ def _group_sum(values: np.ndarray, labels: np.ndarray, n: int) -> np.ndarray:
     out = np.zeros((n, values.shape[1]))
     np.add.at(out, labels, values)
     return out
-
-

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import trimesh
+from scipy.ndimage import label
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -61,6 +62,10 @@ class DistanceField:
         axes = [low[a] + step * np.arange(shape[a]) for a in range(3)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
         distance, gradient = signed_distance(mesh, nodes)
+        turn = np.where(
+            np.where(distance < 0, -1.0, 1.0) == _far_side(distance.reshape(shape), 0.02).reshape(-1), 1.0, -1.0
+        )
+        distance, gradient = distance * turn, gradient * turn[:, None]
         offset = distance - (gradient * nodes).sum(1)
         table = torch.from_numpy(np.column_stack([offset, gradient]).astype(np.float32))
         return DistanceField(
@@ -72,13 +77,15 @@ def signed_distance(mesh: trimesh.Trimesh, points: np.ndarray) -> tuple[np.ndarr
     """Signed distance (n,) and unit gradient (n, 3): nearest surface samples first, then their triangles exactly."""
     samples, face = trimesh.sample.sample_surface(mesh, 60_000, seed=0)
     spacing = float(np.sqrt(mesh.area / len(samples)))
-    _, near = cKDTree(samples).query(points, k=8)
+    tree = cKDTree(samples)
+    rough, nearest = tree.query(points)
     normals = np.asarray(mesh.face_normals)
-    closest = np.asarray(samples)[near[:, 0]]
-    outward = normals[face[near[:, 0]]]
+    closest = np.asarray(samples)[nearest]
+    outward = normals[face[nearest]]
     # far away the nearest sample will do; near the surface take the nearest triangle, and at an edge all that share it
-    close = np.flatnonzero(np.linalg.norm(points - closest, axis=1) < 8 * spacing + 0.03)
-    candidates = face[near[close]]
+    close = np.flatnonzero(rough < 4 * spacing + 0.025)
+    _, near = tree.query(points[close], k=8)
+    candidates = face[near]
     triangles = np.asarray(mesh.triangles)[candidates.reshape(-1)]
     repeated = np.repeat(points[close], near.shape[1], axis=0)
     feet = trimesh.triangles.closest_point(triangles, repeated).reshape(len(close), -1, 3)
@@ -94,3 +101,18 @@ def signed_distance(mesh: trimesh.Trimesh, points: np.ndarray) -> tuple[np.ndarr
     gradient = np.where(on_surface[:, None], outward, offset * sign[:, None])
     gradient /= np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
     return sign * length, gradient
+
+
+def _far_side(distance: np.ndarray, near: float) -> np.ndarray:
+    """Sign of the distance on a grid: as given within `near` of the surface, beyond it by what connects to the border.
+
+    Beside an edge, but far from it, the normal of the nearest sample may be that of the wrong one of its two faces.
+    """
+    side = np.where(distance < 0, -1.0, 1.0)
+    parts, count = label(np.abs(distance) > near)
+    border = np.zeros(count + 1, dtype=bool)
+    for axis in range(3):
+        for end in (0, -1):
+            border[np.unique(np.take(parts, end, axis=axis))] = True
+    outside = np.where(border, 1.0, -1.0)[parts]
+    return np.where(parts > 0, outside, side)

@@ -53,7 +53,7 @@ LAST = (
 RIM_STEPS = 15
 RIM_COARSE, RIM_STRIDE_COARSE = 0.1, 2
 """Searches wider than the first use every second outline point."""
-RIM_DROP = 0.35
+RIM_DROP = 0.5
 """Step in depth that ends a surface, in thicknesses of the part."""
 RIM_WEIGHT = 0.3
 VOTE_REACH, VOTE_FLOOR = 0.25, 0.05

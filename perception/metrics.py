@@ -75,7 +75,7 @@ def visible_instances(pixel_counts: np.ndarray, threshold: float = VISIBILITY) -
 
 
 def point_distances(Ts_true: Array, Ts_pred: Array, points: Array, symmetry: Symmetry) -> Array:
-    """Distances (..., n) in [m] of CAD points (n, 3) between poses (..., 4, 4), at the symmetry of least mean (eq. D_i).
+    """Distances (..., n) in [m] of CAD points (n, 3) between poses (..., 4, 4), at the best symmetry (eq. D_i).
 
     A body of revolution is its axis: with v the points are masked, so turning about the axis costs nothing.
     """
@@ -132,10 +132,11 @@ def score_frame(
     # the nearest prediction of an instance is its match; the rest of them are duplicates
     taken = np.zeros(n, dtype=bool)
     paired = np.full(p, -1, dtype=np.int64)
-    for i in np.argsort(least, kind="stable"):
-        if n and not taken[nearest[i]]:
-            taken[nearest[i]] = True
-            paired[i] = nearest[i]
+    for closest in np.argsort(least, kind="stable"):
+        instance = nearest[closest]
+        if n and not taken[instance]:
+            taken[instance] = True
+            paired[closest] = instance
     right = (paired >= 0) & (least < tolerance)
     matched = np.where(right, paired, -1)
     ignored = right & ~counted[paired] if n else np.zeros(p, dtype=bool)

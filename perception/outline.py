@@ -10,7 +10,7 @@ from torch import Tensor
 from cell.frames import Array
 
 RIM_POINTS = 48
-PIXEL = 1.0 / 160
+PIXEL = 1.0 / 128
 """Of the raster in which outlines are found, in units; each outline point is off by less than half of it."""
 
 
@@ -30,12 +30,14 @@ def _outline(samples: Array, view: Array) -> tuple[Array, Array]:
     right = np.cross(helper, view)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(view, right)])
-    flat = samples @ axes.T
-    low = flat.min(0) - 6 * PIXEL
-    size = np.ceil((flat.max(0) + 6 * PIXEL - low) / PIXEL).astype(int) + 1
-    column, row = np.rint((flat - low) / PIXEL).astype(int).T
+    flat = axes @ samples.T
+    low = flat.min(1) - 6 * PIXEL
+    size = np.ceil((flat.max(1) + 6 * PIXEL - low) / PIXEL).astype(int) + 1
+    column, row = np.rint((flat - low[:, None]) / PIXEL).astype(int)
+    depth = (samples @ view).astype(np.float32)
     height = np.full((size[1], size[0]), -np.inf, np.float32)
-    np.maximum.at(height, (row, column), (samples @ view).astype(np.float32))
+    order = np.argsort(depth)
+    height[row[order], column[order]] = depth[order]  # of samples in one pixel the last, nearest one stays
     # samples leave pinholes: close them, then find outline and holes
     kernel = np.ones((5, 5), np.uint8)
     mask = cv2.morphologyEx((height > -np.inf).astype(np.uint8), cv2.MORPH_CLOSE, kernel)

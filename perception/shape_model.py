@@ -22,7 +22,7 @@ from perception.outline import outlines
 
 VIEWS = 192
 VISIBLE_POINTS = 384
-RIM_SAMPLES = 40_000
+RIM_SAMPLES = 20_000
 MAX_NEAR_SYMMETRIES = 8
 HALO = 0.12
 """Width of the band around the outline from which scene points are drawn while a pose is still coarse."""
@@ -44,8 +44,8 @@ class ShapeModel:
         visible, visible_normals: (w, p, 3) points seen from each view, dense as its pixels are, in random order, so
             that any prefix is a fair sample.
         halo: (w, p, 3) the same, scattered sideways by up to HALO.
-        rim, rim_outward: (w, q, 3) points evenly along the outline in each view, holes included, and the direction across
-            it, outward and square to the view.
+        rim, rim_outward: (w, q, 3) points evenly along the outline in each view, holes included, and the direction
+            across it, outward and square to the view.
         thickness: diameter of the largest ball inside the part.
         seen_area: (w,) area of the part's outline in each view.
     """
@@ -106,7 +106,7 @@ def _build(key: _Key) -> ShapeModel:
     workpiece = key.workpiece
     unit = workpiece.unit
     mesh = trimesh.Trimesh(workpiece.vertices / unit, workpiece.faces, process=False)
-    points, normals = workpiece.sample_surface(2000)
+    points, normals = workpiece.sample_surface(1500)
     points = points / unit
     field = DistanceField.of(mesh)
     views = fibonacci_sphere(VIEWS)
@@ -166,7 +166,7 @@ def near_symmetries(points: Array, field: DistanceField, symmetry: Symmetry, tol
     kept = [np.eye(3)]
     masked = points * symmetry.v
     for error, R in sorted(scored, key=lambda pair: pair[0]):
-        gaps = [np.sqrt((((masked @ (R - k @ s).T)) ** 2).sum(1).mean()) for k in kept for s in symmetry.S]
+        gaps = [np.sqrt(((masked @ (R - k @ s).T) ** 2).sum(1).mean()) for k in kept for s in symmetry.S]
         if error < tolerance and min(gaps) > 0.06 and len(kept) < MAX_NEAR_SYMMETRIES:
             kept.append(R)
     return np.stack(kept)

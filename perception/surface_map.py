@@ -54,7 +54,9 @@ class SurfaceMap:
         far = np.float32(1e6)
         nearest = cv2.erode(np.where(z > 0, z, far), np.ones((3, 3), np.uint8))
         table[..., 6] = np.where(nearest < far, nearest, 0.0)
-        return SurfaceMap(torch.from_numpy(table.reshape(-1, 8)), torch.from_numpy(z.reshape(-1)), K, sigma / unit, torch.zeros(0, 3))
+        return SurfaceMap(
+            torch.from_numpy(table.reshape(-1, 8)), torch.from_numpy(z.reshape(-1)), K, sigma / unit, torch.zeros(0, 3)
+        )
 
     def with_centres(self, points: np.ndarray, centres: np.ndarray) -> SurfaceMap:
         """The map with a predicted centre at every pixel: that of the voting point (m, 3) nearest in the image."""

@@ -37,8 +37,8 @@ class VerifyConfig(Config):
     min_score: float = Field(0.5, ge=0, le=1, description="least calibrated score")
     points: int = Field(384, ge=32, description="CAD points compared")
     max_shared: float = Field(0.35, ge=0, le=1, description="most of its surface owned by better poses")
-    max_overlap: float = Field(0.08, ge=0, le=1, description="most of its surface deep inside a better pose")
-    overlap_depth: float = Field(0.04, gt=0, description="what deep means")
+    max_overlap: float = Field(0.05, ge=0, le=1, description="most of its surface deep inside a better pose")
+    overlap_depth: float = Field(0.15, gt=0, description="what deep means, in thicknesses of the part")
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def rivalry(
     """How claims conflict: shared (h, h) and overlap (h, h) of poses R (h, 3, 3), t (h, 3).
 
     shared[a, b]: share of the surface that confirms a and lies on b too. overlap[a, b]: share of the surface of a
-    that is deeper than `overlap_depth` inside b.
+    that is deep inside b.
     """
     h = len(R)
     shared, overlap = np.zeros((h, h)), np.zeros((h, h))
@@ -240,7 +240,7 @@ def rivalry(
     stride = max(1, len(shape.points) // count)
     surface = torch.from_numpy(shape.points[::stride].astype(np.float32))
     in_b = surface[None] @ R_ba.transpose(1, 2) + t_ba
-    deep = shape.field.look_up(in_b)[0] < -config.overlap_depth
+    deep = shape.field.look_up(in_b)[0] < -config.overlap_depth * shape.thickness
     overlap[a, b] = deep.double().mean(1).numpy()
     return shared, overlap
 

@@ -29,9 +29,7 @@ class Votes:
     def select(self, index: np.ndarray) -> Votes:
         """The votes at `index` (indices or a mask)."""
         c = self.cad_coordinates
-        return Votes(
-            self.points[index], self.centres[index], self.rotations[index], None if c is None else c[index]
-        )
+        return Votes(self.points[index], self.centres[index], self.rotations[index], None if c is None else c[index])
 
     def finite(self) -> Votes:
         """The votes without any NaN or infinity (a broken network must not stop a cell)."""

@@ -8,7 +8,7 @@ import torch
 from cell.frames import random_rotations, rotation_angle
 from cell.workpiece import load_workpiece
 from perception.cluster import Categories, ClusterConfig, Modes, cluster
-from perception.hypotheses import HypothesisConfig, Hypotheses, best_of_each_place, find_places, kabsch, propose
+from perception.hypotheses import Hypotheses, HypothesisConfig, best_of_each_place, find_places, kabsch, propose
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.votes import Votes

@@ -142,9 +142,9 @@ def score_frame(
     ignored = right & ~counted[paired] if n else np.zeros(p, dtype=bool)
     hits = np.flatnonzero(right & ~ignored)
     recalled = 0
-    for i in np.flatnonzero(paired >= 0):
-        if counted[paired[i]]:
-            d = point_distances(Ts_true[paired[i]], Ts_pred[i], points, workpiece.symmetry)
+    for k in np.flatnonzero(paired >= 0):
+        if counted[paired[k]]:
+            d = point_distances(Ts_true[paired[k]], Ts_pred[k], points, workpiece.symmetry)
             recalled += int((d < tolerance).sum())
     n_gt = int(counted.sum())
     return FrameScore(

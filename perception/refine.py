@@ -115,7 +115,7 @@ def _search(
     R, t = register(kept.rotations, kept.positions, scene, shape, FINE)
     clock.lap("icp")
     rules = config.verify
-    first = examine(R, t, scene, shape, rules)
+    first = examine(R, t, scene, shape, rules, every=2)
     plausible = np.flatnonzero((first.ratio >= rules.min_ratio - 0.2) & (first.inliers >= rules.min_visible))
     i = plausible[distinct(R[plausible], t[plausible], first.area[plausible], shape, 0.01)]
     R, t = register(R[i], t[i], scene, shape, LAST)

@@ -39,8 +39,8 @@ class ScoreModel:
         bias: the constant.
     """
 
-    weights: tuple[float, ...] = (-26.02, -6.937, 1.753, 0.1237, -2.805, -127.3, 1.34, 38.11, 0.8363, -1.483, 9.166)
-    bias: float = 1.359
+    weights: tuple[float, ...] = (-19.33, -5.133, 1.589, 0.1663, -3.276, -129.4, -16.2, 45.78, 0.5411, 1.775, 2.422)
+    bias: float = 4.718
 
     def score(self, features: Floats) -> Floats:
         """Scores (h,) in [0, 1] of features (h, len(FEATURES))."""

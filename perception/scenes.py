@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -85,9 +87,9 @@ def load_heaps(
     known: dict[str, Array] = {}
     if path.is_file():
         try:
-            with np.load(path) as stored:
+            with path.open("rb") as file, np.load(file) as stored:
                 known = {key: stored[key] for key in stored.files}
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
             raise InputError(path, "", str(error), "a file of settled heaps; delete it to settle them anew") from None
     seeds = range(first_seed, first_seed + count)
     missing = [seed for seed in seeds if str(seed) not in known]
@@ -106,7 +108,7 @@ def load_heaps(
 
 def _store(path: Path, known: dict[str, Array]) -> None:
     part = path.with_suffix(".part.npz")  # a run that is killed while it writes leaves the old file whole
-    np.savez_compressed(part, allow_pickle=False, **known)
+    np.savez_compressed(part, **known)
     part.replace(path)
 
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Generator, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from pickle import UnpicklingError
 
 import numpy as np
 import torch
@@ -168,7 +169,7 @@ class Trainer:
             self.history = stored["history"]
             self.clouds = self.start_clouds = stored["clouds"]
             self.seconds_before = stored["seconds"]
-        except (RuntimeError, KeyError, TypeError, ValueError, EOFError, OSError) as error:
+        except (RuntimeError, KeyError, TypeError, ValueError, EOFError, OSError, UnpicklingError) as error:
             raise InputError(path, "", str(error).splitlines()[0], "a checkpoint of the same network") from None
         self._begin()
 

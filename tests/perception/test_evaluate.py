@@ -1,0 +1,60 @@
+"""`pickproof evaluate` with the shipped weights, on two heaps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+
+from perception.scenes import HELD_OUT_SEED
+from perception.weights import file_hash, weights_path
+from scenarios.cli import main
+from tests.perception.small_heaps import bracket, fill_folder
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    fill_folder(tmp_path / "out" / "heaps", HELD_OUT_SEED, 2)
+    return tmp_path
+
+
+def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "bracket", "--frames", "2", "--out", "result"]) == 0
+    assert "evaluation.json" in capsys.readouterr().out.replace("\n", "")
+    data = json.loads((here / "result" / "evaluation.json").read_text())
+    assert data["workpiece"] == "bracket"
+    assert data["weights"] == file_hash(weights_path(bracket()))
+    assert set(data["methods"]) >= {"ps6d", "ps6d_refined"}
+    for method in data["methods"].values():
+        keys = {"f1_inst", "recall", "precision", "median_mm", "median_deg", "frames", "seconds_per_frame"}
+        assert keys <= set(method)
+        assert method["frames"] == 2
+        assert all(0 <= method[share] <= 100 for share in ("f1_inst", "recall", "precision"))
+        stages = dict(method["seconds_per_frame"])
+        assert stages.pop("total") == pytest.approx(sum(stages.values()))
+    refined = data["methods"]["ps6d_refined"]
+    assert refined["f1_inst"] > 80
+    assert refined["median_mm"] < 1000 * bracket().tolerance / 2
+    assert refined["median_mm"] < data["methods"]["ps6d"]["median_mm"]
+    picture = cv2.imread(str(here / "result" / "evaluation.png"))
+    assert picture is not None and picture.std() > 10
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["bracket", "--frames", "0"], ["--frames", "1 or more"]),
+        (["bracket", "--seed", "-1"], ["--seed"]),
+        (["bracket", "--weights", "none.safetensors"], ["none.safetensors", "pickproof train bracket"]),
+        (["brackett"], ["brackett", "bracket"]),
+    ],
+)
+def test_bad_input_is_named(
+    here: Path, words: list[str], names: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate", *words]) == 2
+    error = capsys.readouterr().err
+    assert all(name in error for name in names)

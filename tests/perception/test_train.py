@@ -1,0 +1,175 @@
+"""Training for real, though not for long."""
+
+from __future__ import annotations
+
+import json
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from perception.dataset import Sample, collate, train_sample
+from perception.loss import SymmetricModel, ps6d_loss
+from perception.network import Ps6d, pack
+from perception.scenes import TRAIN_SEED, VALIDATION_SEED
+from perception.trainer import Mean, TrainConfig, batches, cad_points, kept
+from perception.weights import load_weights, weights_record
+from scenarios.cli import main
+from tests.perception.small_heaps import bracket, fill_folder, small_heaps
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with settled heaps, so that none need settling."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("perception.train.VALIDATION_HEAPS", 1)
+    fill_folder(tmp_path / "out" / "heaps", VALIDATION_SEED, 1)
+    fill_folder(tmp_path / "out" / "heaps", TRAIN_SEED, 3)
+    return tmp_path
+
+
+def train(*words: str) -> int:
+    return main(["train", "bracket", "--heaps", "3", "--clouds", "16", "--loaders", "0", *words])
+
+
+def rows(out: Path) -> list[dict[str, float]]:
+    return [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
+
+
+def test_a_short_run_leaves_everything_and_can_be_resumed(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert train() == 0
+    out = here / "out" / "train" / "bracket"
+    assert {p.name for p in out.iterdir()} == {"checkpoint.pt", "ps6d.safetensors", "history.jsonl", "curves.png"}
+    (first,) = rows(out)
+    assert first["clouds"] >= 16
+    assert 0 <= first["right"] <= 1
+    # means over the steps taken, of an untrained network: errors of some tenths of the workpiece's longest side
+    assert 0.1 < first["train_rotation"] < 2
+    assert 0.1 < first["train_translation"] < 2
+    assert (out / "curves.png").read_bytes().startswith(b"\x89PNG")
+    weights = out / "ps6d.safetensors"
+    network = load_weights(weights, bracket())
+    record = weights_record(weights)
+    assert record["command"] == "pickproof train bracket"
+    assert record["clouds"] == first["clouds"]
+
+    assert train("--resume") == 0
+    both = rows(out)
+    assert both[0] == first
+    assert both[1]["clouds"] >= first["clouds"] + 16
+    assert both[1]["seconds"] > first["seconds"]
+    again = load_weights(weights, bracket())
+    moved = [not torch.equal(a, b) for a, b in zip(network.parameters(), again.parameters(), strict=True)]
+    assert all(moved[i] for i, p in enumerate(network.parameters()) if p.ndim > 1)
+
+    capsys.readouterr()
+    assert train("--resume", "--plain") == 2  # another architecture
+    assert "checkpoint.pt" in capsys.readouterr().err
+
+
+def test_resuming_what_is_not_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert train("--resume") == 2
+    assert "checkpoint.pt" in capsys.readouterr().err
+    out = here / "out" / "train" / "bracket"
+    (out / "checkpoint.pt").write_bytes(b"not a checkpoint")
+    assert train("--resume") == 2
+    assert "checkpoint.pt" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["--minutes", "0"], ["--minutes", "above 0"]),
+        (["--clouds", "-3"], ["--clouds"]),
+        (["--batch", "0"], ["--batch"]),
+        (["--lr", "-1"], ["--lr"]),
+        (["--heaps", "0"], ["--heaps"]),
+        (["--loaders", "-1"], ["--loaders"]),
+    ],
+)
+def test_numbers_that_make_no_sense(
+    here: Path, words: list[str], names: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert train(*words) == 2
+    error = capsys.readouterr().err
+    assert all(name in error for name in names)
+
+
+def test_an_unknown_workpiece(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "brackett"]) == 2
+    assert "bracket" in capsys.readouterr().err
+
+
+def test_two_clouds_are_learned_by_heart() -> None:
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    network = Ps6d().train()
+    model = SymmetricModel.of(cad_points(bracket(), 16), bracket().symmetry)
+    samples = [train_sample(bracket(), small_heaps(), seed=0, index=i) for i in range(2)]
+    keep, target = collate(samples, torch.device("cpu"))
+    packed = pack([s.graph for s in samples])
+    optimiser = torch.optim.AdamW(network.parameters(), 3e-3)
+    losses = []
+    for _ in range(20):
+        loss, _ = ps6d_loss(kept(network(packed), keep), target, model)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.7 * losses[0]
+    assert losses[-1] == pytest.approx(min(losses), rel=0.2)
+
+
+def test_the_running_mean_follows_the_network_and_is_no_part_of_it() -> None:
+    torch.manual_seed(0)
+    network = Ps6d()
+    mean = Mean(network)
+    start = network.state_dict()["shared.first.weight"].clone()
+    with torch.no_grad():
+        network.shared.first.weight += 1.0
+    assert torch.equal(mean.network.state_dict()["shared.first.weight"], start)
+    gap = 1.0
+    for update in range(1, 7):  # as in exponential moving averages with warm-up: (1 + n) / (10 + n)
+        mean.update(network)
+        gap *= (1 + update) / (10 + update)
+        mine, theirs = (n.state_dict()["shared.first.weight"] for n in (mean.network, network))
+        np.testing.assert_allclose((theirs - mine).numpy(), gap, atol=1e-6)
+
+
+def numbered(seen: list[int]) -> object:
+    for i in count():
+        seen.append(i)
+        yield i
+
+
+def test_batches_have_no_twins_and_reuse_each_cloud_as_often_as_asked() -> None:
+    """Clouds are stood in for by their numbers: what is tested is the order they come in."""
+    asked: list[int] = []
+    config = TrainConfig(batch=4, reuse=3, buffer=24)
+    source = batches(numbered(asked), config, np.random.default_rng(0))  # type: ignore[arg-type]
+    drawn: list[Sample] = []
+    for _ in range(600):
+        batch = next(source)
+        assert len({int(i) for i in batch}) == 4  # type: ignore[call-overload]
+        drawn += batch
+    assert len(drawn) / len(asked) == pytest.approx(3, rel=0.05)
+    times = np.bincount(np.array(drawn, dtype=int))
+    assert times[24:-24].mean() == pytest.approx(3, rel=0.1)
+    assert times[: len(asked) - 24].min() >= 0
+
+
+def test_the_same_seed_draws_the_same_batches() -> None:
+    config = TrainConfig(batch=2, reuse=2, buffer=16)
+    runs = []
+    for seed in (0, 0, 1):
+        source = batches(numbered([]), config, np.random.default_rng(seed))  # type: ignore[arg-type]
+        runs.append([next(source) for _ in range(20)])
+    assert runs[0] == runs[1] != runs[2]
+
+
+def test_cad_points_are_on_the_cad_in_units() -> None:
+    points = cad_points(bracket(), 200).numpy() * bracket().unit
+    assert np.abs(bracket().mesh.nearest.on_surface(points)[1]).max() < 1e-4  # single precision
+    assert np.ptp(points, axis=0).max() > 0.8 * bracket().unit

@@ -15,13 +15,16 @@ PROFILE = [
     (0, 0), (44.5, 0), (44.5, 7), (41, 10), (24, 15), (14, 20), (11, 28), (11, 54), (17, 58), (19, 64), (17, 70),
     (11, 74), (11, 104), (14, 109), (33, 111), (33, 116), (17, 117), (17, 141), (11.5, 141), (11.5, 119), (0, 119),
 ]  # fmt: skip
-PIECES = [(44.5, 0, 8), (40, 8, 10), (25, 10, 15.5), (14.5, 15.5, 22), (11.2, 22, 110), (18.5, 57, 71), (33, 110, 116)]
-CUP = (17, 116, 141)
+# (radius, low, high) of the cylinders that stand for it
+PIECES = [
+    (44.5, 0, 8.5), (41, 8.5, 10.5), (34, 10.5, 12.5), (26.5, 12.5, 14.5), (20, 14.5, 17), (14, 17, 22),
+    (11, 26, 110), (18.5, 57, 71), (33, 110, 116), (17, 116, 141),
+]  # fmt: skip
 
 
 def build() -> Solid:
     body = revolved(PROFILE)
-    for radius, low, high in (*PIECES, CUP):
+    for radius, low, high in PIECES:
         body = Solid(body.body, body.pieces + cylinder(radius, (0, 0, low), high - low).pieces)
     return body.centred()
 

@@ -24,7 +24,7 @@ def ring() -> Solid:
     radius = RING_DIAMETER / 2 - WIRE_RADIUS
     wire = m3.CrossSection.circle(WIRE_RADIUS, 16).translate((radius, 0))
     torus = Solid(wire.revolve(40).rotate((90, 0, 0)))
-    length = 2 * radius * np.tan(np.pi / RING_PIECES)
+    length = 2 * radius * np.tan(np.pi / RING_PIECES) + 2.4  # a little over, as the ends gape outside
     pieces: tuple[Piece, ...] = ()
     for i in range(RING_PIECES):
         angle = 2 * np.pi * (i + 0.5) / RING_PIECES

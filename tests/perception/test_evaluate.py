@@ -52,9 +52,7 @@ def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFix
         (["brackett"], ["brackett", "bracket"]),
     ],
 )
-def test_bad_input_is_named(
-    here: Path, words: list[str], names: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_input_is_named(here: Path, words: list[str], names: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", *words]) == 2
     error = capsys.readouterr().err
     assert all(name in error for name in names)

@@ -69,7 +69,7 @@ def test_a_snapshot_shows_the_cell_as_it_stands(cell: Workcell) -> None:
     pictures: dict[str, bytes] = {}
     snap(cell, pictures, "before")
     q = cell.robot.home.copy()
-    cell.arm.reset(q + [0.5, 0, 0, 0, 0, 0])
+    cell.arm.reset(q + np.array([0.5, 0, 0, 0, 0, 0]))
     snap(cell, pictures, "after")
     cell.arm.reset(q)
     before, after = (decoded(pictures[name]) for name in ("before", "after"))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.special import expit
 
 from cell.errors import InputError
@@ -27,6 +28,9 @@ FEATURES = (
     "centres_agree",
     "rotations_agree",
 )
+SIGNS = (-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, 1)
+"""Whether a feature speaks for a pose or against it."""
+
 SCHEMA = 1
 
 
@@ -39,28 +43,31 @@ class ScoreModel:
         bias: the constant.
     """
 
-    weights: tuple[float, ...] = (-19.33, -5.133, 1.589, 0.1663, -3.276, -129.4, -16.2, 45.78, 0.5411, 1.775, 2.422)
-    bias: float = 4.718
+    weights: tuple[float, ...] = (-19.64, -4.261, 1.324, 0.3903, -3.164, -129, -11.99, 0, 0.6269, 1.782, 2.562)
+    bias: float = 4.173
 
     def score(self, features: Floats) -> Floats:
         """Scores (h,) in [0, 1] of features (h, len(FEATURES))."""
         return np.asarray(expit(features @ np.asarray(self.weights) + self.bias))
 
     @staticmethod
-    def fit(features: Floats, right: np.ndarray, ridge: float = 1.0, iterations: int = 50) -> ScoreModel:
-        """Fit to features (n, len(FEATURES)) and labels (n,) by Newton's method on the penalised likelihood."""
+    def fit(features: Floats, right: np.ndarray, ridge: float = 1.0) -> ScoreModel:
+        """Fit to features (n, len(FEATURES)) and labels (n,): penalised likelihood under the signs of SIGNS.
+
+        Without the signs a feature that hardly varies among plausible poses takes a weight that trusts absurd ones.
+        """
         mean, spread = features.mean(0), np.maximum(features.std(0), 1e-6)
         X = np.column_stack([(features - mean) / spread, np.ones(len(features))])
         y = right.astype(np.float64)
-        penalty = np.diag([ridge] * (X.shape[1] - 1) + [1e-6])
-        w = np.zeros(X.shape[1])
-        for _ in range(iterations):
-            p = expit(X @ w)
-            hessian = (X * (p * (1 - p))[:, None]).T @ X + penalty
-            step = np.linalg.solve(hessian, X.T @ (y - p) - penalty @ w)
-            w += step
-            if np.abs(step).max() < 1e-8:
-                break
+        penalty = np.append(np.full(len(FEATURES), ridge), 1e-6)
+
+        def loss(w: Floats) -> tuple[float, Floats]:
+            z = X @ w
+            value = np.logaddexp(0.0, z).sum() - y @ z + 0.5 * penalty @ w**2
+            return float(value), X.T @ (expit(z) - y) + penalty * w
+
+        bounds = [(0.0, None) if sign > 0 else (None, 0.0) for sign in SIGNS] + [(None, None)]
+        w = minimize(loss, np.zeros(X.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
         weights = w[:-1] / spread
         return ScoreModel(tuple(float(x) for x in weights), float(w[-1] - mean @ weights))
 

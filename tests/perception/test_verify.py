@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from cell.errors import InputError
-from perception.calibration import FEATURES, ScoreModel
+from perception.calibration import FEATURES, SIGNS, ScoreModel
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.verify import VerifyConfig, examine, rivalry, suppress
@@ -100,7 +100,7 @@ def test_poses_that_pierce_each_other_cannot_both_be(heap):
 
 def test_fit_finds_the_odds_that_made_the_labels():
     rng = np.random.default_rng(0)
-    true = ScoreModel(tuple(np.linspace(-2, 2, len(FEATURES))), 0.5)
+    true = ScoreModel(tuple(np.linspace(0.2, 2, len(FEATURES)) * SIGNS), 0.5)
     X = rng.normal(size=(20000, len(FEATURES)))
     right = rng.random(len(X)) < true.score(X)
     found = ScoreModel.fit(X, right)

@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -108,7 +109,8 @@ def load_heaps(
 
 def _store(path: Path, known: dict[str, Array]) -> None:
     part = path.with_suffix(".part.npz")  # a run that is killed while it writes leaves the old file whole
-    np.savez_compressed(part, **known)
+    arrays: dict[str, Any] = dict(known)  # numpy before 2.1 has no allow_pickle here, and its types want one
+    np.savez_compressed(part, **arrays)
     part.replace(path)
 
 

@@ -140,6 +140,8 @@ def _rim_terms(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage
     position = s[last_on.clamp(min=0).long()] + torch.where(half_gap < 2.0 * pixel, half_gap, pixel) + 0.25 * pixel
     distance, which = torch.where(edge, position.abs(), 1e3).min(-1)
     offset = position.gather(-1, which[..., None])[..., 0]
+    # an edge is found to one step of the search; less than that is no reason to move
+    offset = offset.sign() * (offset.abs() - spacing).clamp_(min=0.0)
     weight = (1.0 - (distance / (1.2 * stage.rim)).square()).clamp_(min=0.0).square_()
     weight = weight * (RIM_WEIGHT * stage.points / rim.shape[1])
     jacobian = torch.cat([torch.linalg.cross(rim, outward), outward], -1)

@@ -13,7 +13,7 @@ from cell.config import Config
 from cell.frames import Array
 from cell.gripper import Gripper
 from cell.workpiece import Workpiece
-from grasping.clearance import OpenGripper, thin, without_workpiece
+from grasping.clearance import OpenGripper, covered_share, thin, without_workpiece
 from grasping.grasp_points import GraspPoint, GraspPoses
 
 MAX_TILT = np.deg2rad(50.0)  # of the approach from the vertical
@@ -21,7 +21,9 @@ NEAR = 0.09  # [m] around an estimate within which the heap can be in the grippe
 CHUNK = 24
 ESTIMATES_ENOUGH = 12
 """Once this many workpieces can be gripped, the less wanted ones are not looked at."""
-PER_ESTIMATE = 8
+COVER_COUNTS = 3.0
+"""A workpiece of which a third lies under others is as bad as one that is buried."""
+PER_ESTIMATE = 24
 """Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
 
 
@@ -33,7 +35,8 @@ class GraspingConfig(Config):
     weight_upright: float = Field(default=0.5, ge=0, description="of an approach from above")
     weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
     weight_clearance: float = Field(default=0.5, ge=0, description="of the wanted depth, near the grasp point's centre")
-    max_candidates: int = Field(default=40, ge=1, le=1000, description="candidates handed on to planning, best first")
+    weight_uncovered: float = Field(default=2.0, ge=0, description="of a workpiece on which nothing lies")
+    max_candidates: int = Field(default=200, ge=1, le=1000, description="candidates handed on to planning, best first")
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class GraspCandidate:
         T_world_tool: (4, 4) TCP at the grasp; T_part_tool: the same in the CAD frame.
         opening: of the jaws on the way in, in [m].
         rank: weighted sum of `terms`, larger is better.
-        terms: score, height, upright, priority, clearance.
+        terms: score, height, upright, priority, clearance, uncovered.
     """
 
     estimate: int
@@ -109,6 +112,8 @@ def select(
             near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < NEAR
             others = without_workpiece(scene[near], T_world_part, workpiece)
             terms = _terms(T_world_part, float(scores[k]), float((heights[k] - low) / span), poses)
+            free = 1.0 - COVER_COUNTS * covered_share(workpiece, T_world_part, others)
+            terms["uncovered"] = np.full(len(poses.index), max(free, 0.0))
             rank = sum(getattr(weights, f"weight_{name}") * value for name, value in terms.items())
             Ts = T_world_part @ poses.Ts_part_tool
             for i in _with_room(Ts, np.asarray(rank), loose, poses, grippers, bin, others, verdicts):

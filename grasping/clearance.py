@@ -14,6 +14,8 @@ from cell.workpiece import Workpiece
 WALL_MARGIN = 0.0008  # [m] kept from walls and floor
 POINT_MARGIN = 0.0005  # [m] kept from the cloud
 VOXEL = 0.0025  # [m] spacing to which the cloud is thinned
+OVER = 0.003  # [m] that a point must be over the surface to lie on it
+COVER_SAMPLES = 200
 OWN = 0.003  # [m] cloud points this close to the estimated workpiece are its own
 
 CORNERS = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0], indexing="ij"), -1).reshape(-1, 3)
@@ -38,6 +40,23 @@ def without_workpiece(points: Array, T_world_part: Array, workpiece: Workpiece, 
         p = apply(invert(T_part_box), local)
         own |= (np.abs(p) < np.asarray(size) / 2 + margin).all(axis=1)
     return points[~own]
+
+
+def covered_share(workpiece: Workpiece, T_world_part: Array, others: Array, cell: float = 0.004) -> float:
+    """Share in [0, 1] of the workpiece's surface over which something else was measured: what lies on it comes along.
+
+    Args:
+        others: (n, 3) measured points in the world near the workpiece, its own excluded.
+        cell: [m] of the grid in which heights are compared.
+    """
+    if len(others) == 0:
+        return 0.0
+    surface = apply(T_world_part, workpiece.sample_surface(COVER_SAMPLES, seed=3)[0])
+    low = np.minimum(surface[:, :2].min(axis=0), others[:, :2].min(axis=0))
+    where, mine = (np.floor((p[:, :2] - low) / cell).astype(int) for p in (others, surface))
+    top = np.full(np.maximum(where.max(axis=0), mine.max(axis=0)) + 1, -np.inf)
+    np.maximum.at(top, (where[:, 0], where[:, 1]), others[:, 2])
+    return float((top[mine[:, 0], mine[:, 1]] > surface[:, 2] + OVER).mean())
 
 
 @dataclass(frozen=True)

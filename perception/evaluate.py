@@ -90,12 +90,17 @@ def report_of(frames: list[Frame]) -> dict[str, object]:
             "f1_inst": 100 * s.f1_inst,
             "recall": 100 * s.recall,
             "precision": 100 * s.precision,
-            "median_mm": s.median_mm,
-            "median_deg": s.median_deg,
+            "median_mm": _number(s.median_mm),
+            "median_deg": _number(s.median_deg),
             "frames": s.frames,
             "seconds_per_frame": seconds | {"total": sum(seconds.values())},
         }
     return methods
+
+
+def _number(x: float) -> float | None:
+    """NaN, the median of nothing, is not JSON."""
+    return None if np.isnan(x) else x
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -161,7 +166,7 @@ def _print(console: Console, workpiece: Workpiece, data: dict[str, Any]) -> None
     for column in ("method", *columns, "s/frame"):
         table.add_column(column, justify="left" if column == "method" else "right")
     for name, m in data["methods"].items():
-        cells = [f"{m[c]:.2f}" for c in columns]
+        cells = ["-" if m[c] is None else f"{m[c]:.2f}" for c in columns]
         table.add_row(name, *cells, f"{m['seconds_per_frame']['total']:.2f}")
     console.print(table)
     split = data["methods"]["ps6d_refined"]["seconds_per_frame"]

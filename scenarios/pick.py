@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -27,8 +28,10 @@ from scenarios.workcell import SOURCE, Workcell
 
 PICTURED = 2
 """Attempts of an episode that are pictured at every stage; failures are pictured anyway, after the fact."""
-PLANS_TRIED = 6
+PLANS_TRIED = 60
 """Candidates for which a whole motion is planned before giving up."""
+PLANS_A_ROUND = 4
+"""Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
@@ -168,8 +171,10 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
     field = scan_heights(cell, frame)
     scenes: dict[float, CollisionScene] = {}
     refused: dict[int, str] = {}
-    reason, planned = Reason.UNREACHABLE, 0
-    for i, candidate in enumerate(selection.candidates):
+    reason = Reason.UNREACHABLE
+    planned = 0
+    for i in in_rounds(selection.candidates):
+        candidate = selection.candidates[i]
         scene = scenes.get(candidate.opening)
         if scene is None:
             scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(candidate.opening), cell.obstacles, field)
@@ -187,6 +192,16 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
         if planned >= PLANS_TRIED:
             break
     return Decision(None, None, reason, refused)
+
+
+def in_rounds(candidates: list[GraspCandidate]) -> list[int]:
+    """Indices of the candidates, best first, PLANS_A_ROUND of every estimate before the next ones of any."""
+    seen: Counter[int] = Counter()
+    rounds = []
+    for candidate in candidates:
+        rounds.append(seen[candidate.estimate] // PLANS_A_ROUND)
+        seen[candidate.estimate] += 1
+    return sorted(range(len(candidates)), key=lambda i: rounds[i])  # stable: rank decides within a round
 
 
 def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: int) -> PickRequest:

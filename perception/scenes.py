@@ -115,7 +115,7 @@ def _store(path: Path, known: dict[str, Array]) -> None:
 
 
 def random_view(workpiece: Workpiece, rng: np.random.Generator) -> View:
-    """A training view: tilt to 20 degrees, any roll, distance and noise over a range, 0.6 to 0.9 mm a pixel."""
+    """A training view: tilt to 20 degrees, any roll, distance and noise over a range, 0.7 to 1 mm a pixel."""
     inner = workpiece.heap.bin_inner
     distance = workpiece.heap.camera_distance * rng.uniform(0.8, 1.2)
     tilt, azimuth, roll = np.deg2rad(20) * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)

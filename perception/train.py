@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -30,10 +31,11 @@ def train(workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, co
     cosine anew from the stored weights.
     """
     out.mkdir(parents=True, exist_ok=True)
-    heaps, validation = prepare(workpiece, config, console)
     trainer = Trainer(workpiece, config, out)
     if resume:
         trainer.resume()
+    heaps, validation = prepare(workpiece, config, console)
+    trainer.start = time.monotonic()  # settling does not count
     samples = stream(workpiece, heaps, config.seed, trainer.start_clouds, config.loaders)
     source = batches(samples, config, np.random.default_rng((config.seed, trainer.start_clouds, 1)))
     columns = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]

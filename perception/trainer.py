@@ -126,6 +126,7 @@ class Trainer:
     """One network learning one workpiece.
 
     Attributes:
+        start: monotonic time at which this run began.
         clouds: seen in all runs, `start_clouds` of them before this one.
         history: one row of validation figures for each validation of all runs.
     """

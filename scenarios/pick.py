@@ -264,7 +264,8 @@ def move(
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        released = not open_jaws(world, arm).parts
+        # no wider than planned: a finger that meets a wall of the place bin would keep both from opening
+        released = not open_jaws(world, arm, candidate.opening).parts
         log += execute(world, arm, plan.leave.q, stop_above=limit)
     robot_s = world.time - start
     if log.stopped:

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from cell.arm import Arm
+from cell.execute import JawState, open_jaws
 from cell.frames import Array, apply, invert, make_transform
+from cell.world import World
 from grasping.candidates import Selection
+from grasping.grasp_points import opening as planned_opening
 from scenarios.episode import oracle_perception
 from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide
 from scenarios.place import PlacePlan
@@ -136,3 +140,22 @@ def test_a_right_pose_is_picked_from_a_turned_bin(cell: Workcell, memory: Memory
     assert record.success, record.reason
     assert len(cell.observe().parts_in(SOURCE)) == 1
     assert sum(memory.place.used) == 1 and not memory.failed
+
+
+def test_at_the_place_the_jaws_open_no_wider_than_planned(memory: Memory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opened all the way, a finger met the place bin's wall and the workpiece stayed in the jaws or was flung out."""
+    asked = []
+
+    def recording(world: World, arm: Arm, opening: float | None = None, **rest: float) -> JawState:
+        asked.append(opening)
+        return open_jaws(world, arm, opening, **rest)
+
+    monkeypatch.setattr("scenarios.pick.open_jaws", recording)
+    cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)
+    try:
+        record = attempt_pick(cell, oracle_perception, memory, seed=3, attempt=0)
+    finally:
+        cell.close()
+    assert record.success
+    opening = next(p for p in cell.grasps.points if p.name == record.grasp)
+    assert asked == [pytest.approx(planned_opening(opening))]

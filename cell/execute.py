@@ -115,8 +115,25 @@ def open_jaws(
 ) -> JawState:
     """Open the pads to `opening` [m] apart (all the way by default) and wait until the fingers stand still."""
     arm.hold_jaws(arm.gripper.max_opening if opening is None else opening)
+    forget_contacts(world, arm)
     log = _until_still(world, arm, timeout, settle)
     return JawState(arm.opening, finger_forces(world, arm), held_parts(world, arm), log)
+
+
+def forget_contacts(world: World, arm: Arm) -> None:
+    """Drop the contact points between fingers and workpieces, for one step in which these do not collide.
+
+    Bullet keeps a contact point with the world normal it had when it was found. On a part that is carried round with
+    the hand, some end up facing the wrong way, and two that face each other glue it to one finger. Fresh points are
+    found in the next step wherever there is contact.
+    """
+    touching = [c for link in arm.finger_links for c in world.client.getContactPoints(bodyA=arm.body, linkIndexA=link)]
+    pairs = {(c[3], c[2]) for c in touching if c[2] in world.parts}
+    for enable in (0, 1):
+        for link, body in sorted(pairs):
+            world.client.setCollisionFilterPair(arm.body, body, link, -1, enable)
+        if not enable:
+            world.step()
 
 
 def wait(world: World, arm: Arm, seconds: float) -> MotionLog:

@@ -18,6 +18,7 @@ from perception.network import Ps6d, pack
 from perception.pose_estimate import PoseEstimate
 from perception.refine import RefineConfig, RefineResult, refine
 from perception.sampling import build_levels, input_points
+from perception.shape_model import ShapeModel
 from perception.votes import Votes
 from perception.weights import load_weights, weights_path
 
@@ -43,6 +44,7 @@ class Perception:
             InputError: missing or corrupt weights.
         """
         torch.set_num_threads(1)  # more do not help at this size, and workers run side by side
+        ShapeModel.of(workpiece)  # built once a process: some seconds that belong to no frame
         network = load_weights(weights or weights_path(workpiece), workpiece)
         return Perception(workpiece, network, config or RefineConfig.model_validate({}), _score_model(workpiece))
 

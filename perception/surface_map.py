@@ -70,8 +70,9 @@ class SurfaceMap:
         flat = label.reshape(-1)
         vote_of_label = np.zeros(int(flat.max()) + 1, np.float32)
         vote_of_label[flat[pixels.numpy()]] = np.arange(len(points), dtype=np.float32)
-        self.table[:, 7] = torch.from_numpy(vote_of_label[flat])
-        return replace(self, centres=torch.from_numpy(centres.astype(np.float32)))
+        table = self.table.clone()
+        table[:, 7] = torch.from_numpy(vote_of_label[flat])
+        return replace(self, table=table, centres=torch.from_numpy(centres.astype(np.float32)))
 
     def membership(self, rows: Tensor, t: Tensor, reach: float, floor: float) -> Tensor:
         """Weight (h, p) of table rows (h, p, 8) for parts at t (h, 3): 1 where the nearest vote's centre is at t."""

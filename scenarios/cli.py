@@ -39,6 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except PickproofError as error:
         print(f"pickproof: error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
+    except OSError as error:
+        print(f"pickproof: error: {error.filename or 'file system'}: {error.strerror or error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("pickproof: interrupted", file=sys.stderr)
         return 130
@@ -96,6 +99,7 @@ def _run(args: argparse.Namespace) -> int:
     from scenarios.scenario import load_scenario, weights_hash
     from scenarios.store import Store
     from scenarios.summary import FILE, LiveView, print_summary, summarise, write_summary
+    from scenarios.workcell import check_inputs
 
     scenario = load_scenario(args.scenario, args.set)
     seed = scenario.seed if args.seed is None else args.seed
@@ -105,6 +109,7 @@ def _run(args: argparse.Namespace) -> int:
         raise InputError("command line", "--resume", "no --out", "--out DIR with the results to continue")
     out = args.out or _free(Path("out") / f"{scenario.name}-{seed}")
     oracle = frozenset(args.oracle)
+    check_inputs(scenario, oracle)
     console = Console(stderr=args.json)
     done = []
     if args.resume:

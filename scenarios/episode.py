@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from cell.camera import DepthFrame
+from cell.workpiece import load_workpiece
 from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
 from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
@@ -30,7 +31,7 @@ def run_episode(
 ) -> EpisodeRecord:
     """Fill the bin in the order of `seed` and pick until the end; each attempt is handed on as it ends."""
     start = time.perf_counter()
-    perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece)
+    perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece, scenario.perception.min_score)
     cell = Workcell.build(scenario, seed, pictures)
     try:
         memory = Memory(PlacePlan(cell.place, cell.workpiece))
@@ -76,17 +77,18 @@ def oracle_perception(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: n
 
 
 @lru_cache(maxsize=4)
-def ps6d(workpiece: str) -> Perceive:
+def ps6d(workpiece: str, min_score: float) -> Perceive:
     """PS6D with the workpiece's shipped weights, loaded once a process."""
-    from cell.workpiece import load_workpiece
     from perception.estimate import Perception
+    from perception.refine import RefineConfig
+    from perception.verify import VerifyConfig
 
-    perception = Perception.load(load_workpiece(workpiece))
+    config = RefineConfig(verify=VerifyConfig(min_score=min_score))
+    perception = Perception.load(load_workpiece(workpiece), config=config)
 
     def perceive(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
         found = perception.perceive(frame, cell.source, rng).estimates
-        config = cell.scenario.perception
-        good = [e for e in found if e.score >= config.min_score][: config.max_estimates]
+        good = found[: cell.scenario.perception.max_estimates]
         if not good:
             return Estimates(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0))
         Ts = frame.T_world_camera @ np.stack([e.T_camera_part for e in good])

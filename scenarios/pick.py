@@ -12,11 +12,12 @@ import numpy as np
 
 from cell.bin import Box
 from cell.camera import DepthFrame
-from cell.execute import close_jaws, execute, held_parts, open_jaws
+from cell.execute import close_jaws, execute, held_parts, open_jaws, wait
 from cell.frames import Array, invert, to_quat_xyzw
 from cell.gripper import in_frame
 from cell.observe import Snapshot
 from grasping.candidates import GraspCandidate, Selection, select
+from grasping.clearance import OpenGripper
 from robots.collision import CollisionScene
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
 from scenarios.outcome import Evidence, judge, nearest_true
@@ -32,6 +33,8 @@ PLANS_TRIED = 60
 """Candidates for which a whole motion is planned before giving up."""
 PLANS_A_ROUND = 4
 """Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
+RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
+FALL_TIME = 0.1  # [s] for the workpiece to leave the jaws
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
@@ -96,7 +99,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     perceived = time.perf_counter()
     selection = choose(cell, frame, estimates, memory, attempt)
     chosen_at = time.perf_counter()
-    decision = decide(cell, frame, selection, memory, seed + attempt)
+    decision = decide(cell, frame, selection, memory, int(rng.integers(2**31)))
     planned = time.perf_counter()
 
     record: dict[str, Any] = {
@@ -194,6 +197,17 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
     return Decision(None, None, reason, refused)
 
 
+def release_opening(cell: Workcell, planned: float) -> float:
+    """How far to open over the place, in [m]: so that nothing sticks, yet no finger meets a wall of the bin.
+
+    A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
+    """
+    for opening in (planned + extra for extra in RELEASE_EXTRA if planned + extra <= cell.gripper.max_opening):
+        if not OpenGripper.of(cell.gripper.boxes(opening)).hits_bin(cell.arm.tool_pose()[None], cell.place)[0]:
+            return opening
+    return planned
+
+
 def in_rounds(candidates: list[GraspCandidate]) -> list[int]:
     """Indices of the candidates, best first, PLANS_A_ROUND of every estimate before the next ones of any."""
     seen: Counter[int] = Counter()
@@ -251,7 +265,7 @@ def move(
         if staged:
             snap(cell, pictures, "grasp")
         if not closed:
-            open_jaws(world, arm, candidate.opening)
+            log += open_jaws(world, arm, candidate.opening).log
             log += execute(world, arm, plan.approach.q[::-1], stop_above=limit)
     if closed:
         log += execute(world, arm, plan.lift.q, stop_above=limit)
@@ -260,12 +274,13 @@ def move(
             snap(cell, pictures, "lift")
     if closed and not log.stopped:
         log += execute(world, arm, plan.carry.q, stop_above=limit)
-        carried = held_parts(world, arm)
+        carried = () if log.stopped else held_parts(world, arm)
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        # no wider than planned: a finger that meets a wall of the place bin would keep both from opening
-        released = not open_jaws(world, arm, candidate.opening).parts
+        opened = open_jaws(world, arm, release_opening(cell, candidate.opening))
+        released = not opened.parts
+        log += opened.log + wait(world, arm, FALL_TIME)
         log += execute(world, arm, plan.leave.q, stop_above=limit)
     robot_s = world.time - start
     if log.stopped:

@@ -12,6 +12,7 @@ from cell.workpiece import Workpiece
 
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
 YAWS = 8
+MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
 SLOTS_OFFERED = 3
 
 
@@ -21,12 +22,14 @@ class PlacePlan:
 
     Attributes:
         used: workpieces released over each slot.
+        rests: (r, 3, 3) rotations of the CAD in which it lies still on a plane, z up.
         offered: (k,) slot of each pose that `tool_poses` returned last.
     """
 
     bin: Bin
     workpiece: Workpiece
     used: list[int] = field(init=False)
+    rests: Array = field(init=False)
     offered: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -37,29 +40,44 @@ class PlacePlan:
         self.slots = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
         self.used = [0] * len(self.slots)
         self.offered = np.zeros(0, dtype=np.intp)
+        stable, _ = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
+        self.rests = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]  # a round part may have none to speak of
         self.layer = float(np.sort(self.workpiece.extents)[1])
 
     def tool_poses(self, T_part_tool: Array) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, most wanted first.
 
-        The tool points straight down. The least used slots come first, each in several yaws.
+        The workpiece hangs over the middle of a slot as it will lie, on the resting face that leans the tool least;
+        released at a slant it would land on an edge and stay standing. After these come the same slots with the tool
+        straight down. The least used slots come first, each in several yaws.
         """
         T_tool_part = np.linalg.inv(T_part_tool)
-        down = about_axis((1, 0, 0), np.array(np.pi))
-        lowest = float((apply(down @ T_tool_part, self.workpiece.vertices))[:, 2].min())
-        centre = apply(down @ T_tool_part, np.zeros((1, 3)))[0]
         order = np.argsort(self.used, kind="stable")[:SLOTS_OFFERED]
         poses, slots = [], []
-        for slot in order:
-            height = self.used[slot] * self.layer + DROP - lowest
-            for yaw in np.arange(YAWS) * 2 * np.pi / YAWS:
-                turn = about_axis((0, 0, 1), np.array(yaw))
-                offset = turn[:3, :3] @ np.array([centre[0], centre[1], 0.0])
-                at = (self.slots[slot][0] - offset[0], self.slots[slot][1] - offset[1], height)
-                poses.append(self.bin.T_world_bin @ make_transform(t=at) @ turn @ down)
-                slots.append(int(slot))
+        for R in self._tool_rotations(T_part_tool):
+            hang = make_transform(R) @ T_tool_part
+            lowest = float(apply(hang, self.workpiece.vertices)[:, 2].min())
+            centre = hang[:3, 3] * (1.0, 1.0, 0.0)
+            for slot in order:
+                x, y = self.slots[slot]
+                at = np.array([x, y, self.used[slot] * self.layer + DROP - lowest])
+                for yaw in np.arange(YAWS) * 2 * np.pi / YAWS:
+                    turn = about_axis((0, 0, 1), np.array(yaw))
+                    T_bin_tool = make_transform(turn[:3, :3] @ R, at - turn[:3, :3] @ centre)
+                    poses.append(self.bin.T_world_bin @ T_bin_tool)
+                    slots.append(int(slot))
         self.offered = np.asarray(slots)
         return np.asarray(poses)
+
+    def _tool_rotations(self, T_part_tool: Array) -> list[Array]:
+        """R_bin_tool (3, 3) at yaw 0: the workpiece flat, if the tool need not lean far; then the tool down."""
+        down = about_axis((1, 0, 0), np.array(np.pi))[:3, :3]
+        if len(self.rests) == 0:
+            return [down]
+        flat = self.rests @ T_part_tool[:3, :3]
+        best = int(np.argmin(flat[:, 2, 2]))
+        lean = np.arccos(np.clip(-flat[best, 2, 2], -1.0, 1.0))
+        return [flat[best], down] if lean <= MAX_LEAN else [down]
 
     def fill(self, pose: int) -> None:
         """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""

@@ -95,7 +95,7 @@ class PerceptionConfig(Config):
     """Which estimates are handed on to grasping."""
 
     min_score: float = Field(
-        default=0.5, ge=0, le=1, description="calibrated score below which an estimate is rejected"
+        default=0.8, ge=0, le=1, description="calibrated score below which an estimate is rejected"
     )
     max_estimates: int = Field(default=30, ge=1, le=200, description="estimates handed on, best first")
 

@@ -108,3 +108,18 @@ class Workcell:
             sensor.projector_offset,
         )
         return measure(exact, camera.intrinsics, camera.T_world_camera, sensor, rng), exact.ids
+
+
+def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
+    """Read everything that a run will read.
+
+    Raises:
+        InputError: something that the scenario names is missing or not valid.
+    """
+    workpiece = load_workpiece(scenario.workpiece)
+    load_robot(scenario.robot)
+    load_grasps(workpiece, load_gripper(scenario.gripper))
+    if "perception" not in oracle:
+        from perception.weights import load_weights, weights_path
+
+        load_weights(weights_path(workpiece), workpiece)

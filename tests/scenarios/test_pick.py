@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cell.arm import Arm
-from cell.execute import JawState, open_jaws
 from cell.frames import Array, apply, invert, make_transform
-from cell.world import World
 from grasping.candidates import Selection
-from grasping.grasp_points import opening as planned_opening
+from robots.inverse import inverse
 from scenarios.episode import oracle_perception
-from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide
+from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide, release_opening
 from scenarios.place import PlacePlan
 from scenarios.records import Reason
 from scenarios.scan import BIN_MARGIN, GRID, scan_heights, scene_points
@@ -142,20 +139,18 @@ def test_a_right_pose_is_picked_from_a_turned_bin(cell: Workcell, memory: Memory
     assert sum(memory.place.used) == 1 and not memory.failed
 
 
-def test_at_the_place_the_jaws_open_no_wider_than_planned(memory: Memory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Opened all the way, a finger met the place bin's wall and the workpiece stayed in the jaws or was flung out."""
-    asked = []
-
-    def recording(world: World, arm: Arm, opening: float | None = None, **rest: float) -> JawState:
-        asked.append(opening)
-        return open_jaws(world, arm, opening, **rest)
-
-    monkeypatch.setattr("scenarios.pick.open_jaws", recording)
+def test_released_fingers_stay_clear_of_the_place_bins_walls() -> None:
+    """Opened all the way, a finger met the wall, and the workpiece stayed in the jaws or was flung out."""
     cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)
     try:
-        record = attempt_pick(cell, oracle_perception, memory, seed=3, attempt=0)
+        memory = Memory(PlacePlan(cell.place, cell.workpiece))
+        beside_wall, in_the_middle = cell.place.position[0] - cell.place.inner[0] / 2 + 0.016, cell.place.position[0]
+        for x, least, most in ((beside_wall, 0.014, 0.022), (in_the_middle, 0.038, 0.038)):
+            T = make_transform(np.diag([1.0, -1.0, -1.0]), (x, cell.place.position[1], 0.03))
+            q = inverse(cell.robot, T[None] @ invert(cell.gripper.T_flange_tool))
+            cell.arm.reset(q.q[0][q.valid[0]][0])
+            assert least <= release_opening(cell, 0.014) <= most
+        cell.arm.reset(cell.robot.home)
+        assert attempt_pick(cell, oracle_perception, memory, seed=3, attempt=0).success
     finally:
         cell.close()
-    assert record.success
-    opening = next(p for p in cell.grasps.points if p.name == record.grasp)
-    assert asked == [pytest.approx(planned_opening(opening))]

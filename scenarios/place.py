@@ -13,7 +13,7 @@ from cell.workpiece import Workpiece
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
 YAWS = 8
 MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
-SLOTS_OFFERED = 3
+SLOTS_OFFERED = 5
 
 
 @dataclass

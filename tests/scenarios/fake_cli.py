@@ -6,6 +6,9 @@ import fake_episode
 
 if __name__ == "__main__":
     sys.modules["scenarios.episode"] = fake_episode
+    import scenarios.workcell
     from scenarios.cli import main
+
+    scenarios.workcell.check_inputs = lambda scenario, oracle: None  # the episode without physics reads no files
 
     sys.exit(main())

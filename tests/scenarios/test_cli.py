@@ -136,3 +136,15 @@ def test_interrupt_keeps_finished_attempts_and_resume_completes(tmp_path, how):
     resumed = fake(*words, "--workers", "2", "--resume", "--json", "--out", str(out), cwd=tmp_path)
     straight = fake(*words, "--json", "--out", "straight", cwd=tmp_path)
     assert json.loads(resumed.stdout)["record_hash"] == json.loads(straight.stdout)["record_hash"]
+
+
+@pytest.mark.parametrize("field", ["gripper=nonesuch", "gripper=missing.yaml"])
+def test_a_run_that_cannot_start_leaves_no_results(
+    field: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from scenarios.cli import main
+
+    assert main(["run", "bracket", "--set", field, "--out", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err
+    assert field.partition("=")[2] in error and len(error.splitlines()) == 1
+    assert not (tmp_path / "run").exists()

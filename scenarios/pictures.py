@@ -20,12 +20,13 @@ CHOSEN, OTHERS, TOOL = (60, 220, 60), (255, 170, 40), (60, 60, 255)  # BGR
 
 
 def snap(cell: Workcell, pictures: dict[str, bytes], name: str) -> None:
-    """Add a picture of the cell as it stands; `grasp` is a close-up of the source bin."""
+    """Add a picture of the cell as it stands: both bins, and for `grasp` a close-up of the source bin."""
     x, y, z = cell.source.position
     if name == "grasp":
         eye, target = (x + 0.22, y - 0.34, z + 0.26), (x, y, z + 0.04)
     else:
-        eye, target = (x + 0.55, y - 0.75, z + 0.54), (x - 0.1, y - 0.12, z + 0.09)
+        x, y, z = (np.array(cell.source.position) + cell.place.position) / 2
+        eye, target = (x + 0.6, y - 0.75, z + 0.65), (x - 0.04, y + 0.02, z + 0.1)
     pictures[name] = png(cell_picture(cell.world, eye, target, 560, 420)[:, :, ::-1])
 
 

@@ -135,7 +135,7 @@ class Scenario(Config):
     robot: Literal["lrmate200id"] = "lrmate200id"
     gripper: str = "jaw_v1"
     source_bin: BinConfig = BinConfig(position=(0.45, 0.0, 0.01))
-    place_bin: BinConfig = BinConfig(position=(0.22, -0.40, 0.01))
+    place_bin: BinConfig = BinConfig(inner=(0.40, 0.30, 0.06), position=(0.16, -0.43, 0.01))
     table: TableConfig = TableConfig()
     camera: CameraConfig = CameraConfig()
     sensor: SensorConfig = SensorConfig.model_validate({})

@@ -208,7 +208,7 @@ class FeaturePropagation(nn.Module):
 
 
 class Ps6d(nn.Module):
-    """The network; about 0.6 M parameters."""
+    """The network; about 0.8 M parameters."""
 
     def __init__(self, config: NetworkConfig = NetworkConfig()) -> None:
         super().__init__()

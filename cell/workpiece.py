@@ -21,6 +21,7 @@ from cell.symmetry import Symmetry
 
 SHIPPED = Path(__file__).resolve().parent.parent / "scenarios" / "workpieces"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+UNIT_GIRTHS = 1.4
 
 
 class SymmetryConfig(Config):
@@ -86,10 +87,15 @@ class Workpiece:
         """Edge lengths (3,) of the bounding box."""
         return np.ptp(self.vertices, axis=0)
 
-    @property
+    @cached_property
     def unit(self) -> float:
-        """Length in [m] that becomes 1 in the normalised workpiece space: the longest side."""
-        return float(self.extents.max())
+        """Length in [m] that becomes 1 in the normalised workpiece space.
+
+        The longest side, but at most UNIT_GIRTHS times the mean girth (surface area over longest side): a slender part
+        scaled by its length alone would be thinner than the sampling.
+        """
+        longest = float(self.extents.max())
+        return min(longest, UNIT_GIRTHS * float(self.mesh.area) / longest)
 
     @property
     def pieces(self) -> tuple[Piece, ...]:

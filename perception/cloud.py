@@ -1,8 +1,8 @@
 """Depth frame -> scene cloud in the normalised workpiece space (PS6D, sec. III-D).
 
 The paper scales every workpiece to one cube and moves the scene to the origin, so that a single set of network
-parameters serves all sizes; here 1 unit is the workpiece's longest side. Points of the empty bin are removed first:
-its position is calibrated in any cell, so this is known, not learned.
+parameters serves all sizes; here 1 unit is `Workpiece.unit`, the longest side of all but slender workpieces. Points of
+the empty bin are removed first: its position is calibrated in any cell, so this is known, not learned.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ Ints = NDArray[np.int64]
 
 
 class ClusterConfig(Config):
-    """Bandwidths in units of the workpiece's longest side."""
+    """Bandwidths in units, `Workpiece.unit`."""
 
     two_stage: bool = Field(True, description="false: stage 1 only, each mode is an instance (ablation)")
     position_bandwidth: float = Field(0.12, gt=0, description="h_p of stage 1")

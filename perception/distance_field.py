@@ -16,11 +16,11 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 MARGIN = 0.15
-"""Width of the field around the part, in units of its longest side."""
+"""Width of the field around the part, in units."""
 
 MAX_NODES = 220_000
 CELLS = 72
-"""Grid cells along the longest side, fewer where the grid would have more than MAX_NODES nodes."""
+"""Grid cells to a unit, fewer where the grid would have more than MAX_NODES nodes."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class DistanceField:
 
     @staticmethod
     def of(mesh: trimesh.Trimesh) -> DistanceField:
-        """Field of a watertight mesh in normalised units (longest side 1)."""
+        """Field of a watertight mesh in normalised units."""
         low, high = mesh.bounds[0] - MARGIN, mesh.bounds[1] + MARGIN
         step = max(1.0 / CELLS, float((np.prod(high - low) / MAX_NODES) ** (1 / 3)))
         shape = np.ceil((high - low) / step).astype(int) + 1

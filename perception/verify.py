@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 
 class VerifyConfig(Config):
-    """Thresholds of verification; lengths in units of the workpiece's longest side."""
+    """Thresholds of verification; lengths in units, `Workpiece.unit`."""
 
     tolerance: float = Field(0.005, ge=0, description="added to the sensor's share of the inlier distance")
     sigmas: float = Field(4.0, ge=0, description="the sensor's share, in standard deviations")

@@ -184,3 +184,9 @@ def test_a_box_around_each_piece(workpiece: Workpiece) -> None:
         corners = np.abs(apply(invert(T_part_box), solid(piece).vertices))
         assert (corners <= np.asarray(size) / 2 + 1e-9).all()
         assert (corners.max(axis=0) >= np.asarray(size) / 2 * 0.99).all()
+
+
+def test_the_unit_is_the_longest_side_of_compact_parts_and_less_for_slender_ones():
+    units = {name: load_workpiece(name).unit / load_workpiece(name).extents.max() for name in list_workpieces()}
+    assert {name for name, share in units.items() if share < 1} == {"gear_shaft", "ps6d_23"}
+    assert units["ps6d_23"] < units["gear_shaft"] < 0.7

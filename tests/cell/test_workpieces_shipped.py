@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from cell._open3d import load_open3d
 from cell.frames import Array, apply, invert
 from cell.pieces import CollisionBox, CollisionCylinder, Piece
-from cell.workpiece import SHIPPED, Workpiece, load_workpiece
+from cell.workpiece import SHIPPED, Workpiece, list_workpieces, load_workpiece
 
 PAPER_ROWS = {
     "bracket": ("PS6D_6", (14, 18, 56)),

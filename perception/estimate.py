@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +58,7 @@ class Perception:
         if votes is None:
             return RefineResult([], [], seconds)
         result = refine(frame, self.workpiece, votes, self.config, mask, self.score_model)
-        return RefineResult(result.estimates, result.raw, seconds | result.seconds)
+        return replace(result, seconds=seconds | result.seconds)
 
     @torch.no_grad()
     def vote(self, cloud: Cloud, rng: np.random.Generator) -> Votes | None:

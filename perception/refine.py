@@ -11,7 +11,7 @@ from pydantic import Field
 
 from cell.camera import DepthFrame
 from cell.config import Config
-from cell.frames import make_transform
+from cell.frames import Array, make_transform
 from cell.workpiece import Workpiece
 from perception.agreement import soft_score
 from perception.calibration import ScoreModel
@@ -37,6 +37,21 @@ class RefineConfig(Config):
 
 
 @dataclass(frozen=True)
+class Examined:
+    """Every pose that verification examined, right or wrong, before rivals were settled.
+
+    Attributes:
+        Ts_camera_part: (h, 4, 4) in [m].
+        features: (h, len(FEATURES)), inputs of the score model.
+        scores: (h,) in [0, 1].
+    """
+
+    Ts_camera_part: Array
+    features: Array
+    scores: Array
+
+
+@dataclass(frozen=True)
 class RefineResult:
     """What was found in one depth image.
 
@@ -45,11 +60,13 @@ class RefineResult:
         raw: the two-stage clustering's poses before ICP (the paper's result), most votes first; their score is the
             share of votes that a category holds, and residual and visible share are unknown (NaN).
         seconds: wall time of each stage in [s].
+        examined: what the score is calibrated on; None without votes.
     """
 
     estimates: list[PoseEstimate]
     raw: list[PoseEstimate]
     seconds: dict[str, float]
+    examined: Examined | None = None
 
 
 def refine(
@@ -85,9 +102,12 @@ def refine(
             nothing = Modes.none(len(left)), Categories.none()
             again = _search(left, votes, *nothing, scene, shape, config, config.hypotheses_second, score_model, clock)
             if len(again):
-                winners = settle(claims.join(again), scene, shape, config.verify)
+                claims = claims.join(again)
+                winners = settle(claims, scene, shape, config.verify)
             clock.lap("verify")
-    return RefineResult(_estimates(winners, shape), raw, clock.seconds)
+    features = claims.evidence.features(inlier_tolerance(scene, config.verify))
+    examined = Examined(_transforms(claims, shape), features, claims.scores)
+    return RefineResult(_estimates(winners, shape), raw, clock.seconds, examined)
 
 
 def _search(
@@ -126,8 +146,7 @@ def _search(
 
 
 def _estimates(claims: Claims, shape: ShapeModel) -> list[PoseEstimate]:
-    R = nearest_rotations(claims.rotations.double().numpy())
-    T = make_transform(R, claims.positions.double().numpy() * shape.unit)
+    T = _transforms(claims, shape)
     return [
         PoseEstimate(
             T_camera_part=T[i].copy(),
@@ -138,6 +157,11 @@ def _estimates(claims: Claims, shape: ShapeModel) -> list[PoseEstimate]:
         )
         for i in range(len(claims))
     ]
+
+
+def _transforms(claims: Claims, shape: ShapeModel) -> Array:
+    R = nearest_rotations(claims.rotations.double().numpy())
+    return make_transform(R, claims.positions.double().numpy() * shape.unit)
 
 
 def _raw_estimates(categories: Categories, shape: ShapeModel, n_votes: int) -> list[PoseEstimate]:

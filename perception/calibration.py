@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from cell.errors import InputError
+from cell.workpiece import Workpiece
 
 Floats = NDArray[np.float64]
 
@@ -71,10 +72,12 @@ class ScoreModel:
         weights = w[:-1] / spread
         return ScoreModel(tuple(float(x) for x in weights), float(w[-1] - mean @ weights))
 
-    def save(self, path: Path) -> None:
-        """Write as JSON."""
+    def save(self, path: Path, record: dict[str, object] | None = None) -> None:
+        """Write as JSON; `record` says how the model was made."""
         data = {"schema": SCHEMA, "weights": dict(zip(FEATURES, self.weights, strict=True)), "bias": self.bias}
-        path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(data | {"record": record or {}}, indent=1) + "\n", encoding="utf-8")
+        part.replace(path)
 
     @staticmethod
     def load(path: Path) -> ScoreModel:
@@ -88,15 +91,22 @@ class ScoreModel:
             weights = tuple(float(data["weights"][name]) for name in FEATURES)
             bias = float(data["bias"])
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(path, "weights", repr(error), f"numbers for bias and {', '.join(FEATURES)}") from None
+            valid = f"numbers for bias and {', '.join(FEATURES)}, as `pickproof fit-score` writes them"
+            raise InputError(path, "weights", repr(error), valid) from None
         if data.get("schema") != SCHEMA:
             raise InputError(path, "schema", data.get("schema"), str(SCHEMA))
         return ScoreModel(weights, bias)
 
 
+def score_path(workpiece: Workpiece) -> Path:
+    """Where a workpiece's own score model lies."""
+    return workpiece.folder / "score.json"
+
+
 def reliability(scores: Floats, right: np.ndarray, bins: int = 10) -> dict[str, object]:
     """Reliability curve and expected calibration error (Guo et al. 2017) of scores (n,) against outcomes (n,) bool."""
-    which = np.minimum((np.asarray(scores) * bins).astype(int), bins - 1)
+    scores = np.asarray(scores, dtype=np.float64)
+    which = np.minimum((scores * bins).astype(int), bins - 1)
     rows, ece = [], 0.0
     for b in range(bins):
         mine = which == b
@@ -105,3 +115,9 @@ def reliability(scores: Floats, right: np.ndarray, bins: int = 10) -> dict[str, 
             ece += float(mine.mean()) * abs(mean - share)
             rows.append({"count": int(mine.sum()), "mean_score": mean, "share_right": share})
     return {"ece": ece, "bins": rows}
+
+
+def brier_score(scores: Floats, right: np.ndarray) -> float:
+    """Mean squared difference of scores (n,) and outcomes (n,) bool (Brier 1950): smaller is better, and the least in
+    expectation for the true probabilities."""
+    return float(np.mean((scores - right) ** 2))

@@ -12,7 +12,7 @@ import torch
 from cell.bin import Bin
 from cell.camera import DepthFrame
 from cell.workpiece import Workpiece
-from perception.calibration import ScoreModel
+from perception.calibration import ScoreModel, score_path
 from perception.cloud import Cloud, roi_mask, scene_cloud
 from perception.network import Ps6d, pack
 from perception.pose_estimate import PoseEstimate
@@ -37,16 +37,22 @@ class Perception:
     passes: int = PASSES
 
     @staticmethod
-    def load(workpiece: Workpiece, weights: Path | None = None, config: RefineConfig | None = None) -> Perception:
-        """With the shipped weights, or those of a file.
+    def load(
+        workpiece: Workpiece,
+        weights: Path | None = None,
+        config: RefineConfig | None = None,
+        calibrated: bool = True,
+    ) -> Perception:
+        """With the shipped weights, or those of a file; `calibrated` takes the workpiece's own score model.
 
         Raises:
-            InputError: missing or corrupt weights.
+            InputError: missing or corrupt weights, or a corrupt score model.
         """
         torch.set_num_threads(1)  # more do not help at this size, and workers run side by side
         ShapeModel.of(workpiece)  # built once a process: some seconds that belong to no frame
         network = load_weights(weights or weights_path(workpiece), workpiece)
-        return Perception(workpiece, network, config or RefineConfig.model_validate({}), _score_model(workpiece))
+        score_model = shipped_score_model(workpiece) if calibrated else None
+        return Perception(workpiece, network, config or RefineConfig.model_validate({}), score_model)
 
     def perceive(self, frame: DepthFrame, bin: Bin, rng: np.random.Generator) -> RefineResult:
         """Verified estimates and the network's raw poses; `rng` chooses the voting points."""
@@ -78,8 +84,13 @@ class Perception:
         )
 
 
-def _score_model(workpiece: Workpiece) -> ScoreModel | None:
-    path = workpiece.folder / "score.json"
+def shipped_score_model(workpiece: Workpiece) -> ScoreModel | None:
+    """The calibration that `pickproof fit-score` left beside the workpiece; None where it has none.
+
+    Raises:
+        InputError: the file is corrupt or of other features.
+    """
+    path = score_path(workpiece)
     return ScoreModel.load(path) if path.is_file() else None
 
 

@@ -75,6 +75,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
+    fit_score = commands.add_parser("fit-score", help="calibrate a workpiece's score on validation scenes")
     if "train" in words[:1]:
         from perception.train import add_arguments as add_train_arguments
 
@@ -83,8 +84,13 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         from perception.evaluate import add_arguments as add_evaluate_arguments
 
         add_evaluate_arguments(evaluate)
+    if "fit-score" in words[:1]:
+        from perception.fit_score import add_arguments as add_fit_score_arguments
+
+        add_fit_score_arguments(fit_score)
     train.set_defaults(command=_train)
     evaluate.set_defaults(command=_evaluate)
+    fit_score.set_defaults(command=_fit_score)
 
     listing = commands.add_parser("list", help="list scenarios and workpieces")
     listing.set_defaults(command=_list)
@@ -173,6 +179,12 @@ def _evaluate(args: argparse.Namespace) -> int:
     from perception.evaluate import main_evaluate
 
     return main_evaluate(args)
+
+
+def _fit_score(args: argparse.Namespace) -> int:
+    from perception.fit_score import main_fit_score
+
+    return main_fit_score(args)
 
 
 def _list(args: argparse.Namespace) -> int:

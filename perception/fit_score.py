@@ -1,0 +1,152 @@
+"""`pickproof fit-score`: calibrates the score of a workpiece's poses on validation heaps."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from cell.errors import InputError
+from cell.frames import Array
+from cell.sensor import SensorConfig
+from cell.workpiece import Workpiece, load_workpiece
+from perception.analysis import right_poses
+from perception.calibration import FEATURES, ScoreModel, brier_score, reliability, score_path
+from perception.heap_frames import HeapFrame, Setup, perceive_heaps
+from perception.metrics import POINTS
+from perception.scenes import VALIDATION_SEED, load_heaps
+from perception.weights import file_hash, weights_path
+
+HEAPS_FOLDER = Path("out") / "heaps"
+LEAST = 5 * len(FEATURES)
+"""Right and wrong poses that each half must hold: ten of each a weight in all (Peduzzi et al. 1996)."""
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Examined poses: features (n, len(FEATURES)), right (n,) bool, and the frame (n,) each is of."""
+
+    features: Array
+    right: np.ndarray
+    frame: np.ndarray
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit came to.
+
+    Attributes:
+        model: to be used; None where the default is kept.
+        record: counts, and the figures of default and fit on the half of the frames that was not fitted.
+        reason: why the default is kept; empty with a model.
+    """
+
+    model: ScoreModel | None
+    record: dict[str, object]
+    reason: str = ""
+
+
+def examples_of(frames: Iterable[HeapFrame], workpiece: Workpiece) -> Examples:
+    """Every pose that verification examined in these frames, labelled by the truth."""
+    points = workpiece.sample_surface(POINTS)[0]
+    features, right, frame = [np.zeros((0, len(FEATURES)))], [np.zeros(0, dtype=bool)], [np.zeros(0, dtype=np.int64)]
+    for i, seen in enumerate(frames):
+        if seen.result.examined is not None:
+            poses = seen.result.examined.Ts_camera_part
+            features.append(seen.result.examined.features)
+            right.append(right_poses(poses, seen.Ts_camera_part, points, workpiece))
+            frame.append(np.full(len(poses), i))
+    return Examples(np.concatenate(features), np.concatenate(right), np.concatenate(frame))
+
+
+def fit(examples: Examples) -> Fit:
+    """Fit on every other frame, compare with the default on the rest; if better there, fit on all."""
+    fitted = examples.frame % 2 == 0
+    kinds = [examples.right & fitted, examples.right & ~fitted, ~examples.right & fitted, ~examples.right & ~fitted]
+    record: dict[str, object] = {"right": int(examples.right.sum()), "wrong": int((~examples.right).sum())}
+    fewest = min(int(kind.sum()) for kind in kinds)
+    if fewest < LEAST:
+        reason = f"a half of the frames has {fewest} poses of a kind, right or wrong; {LEAST} are needed"
+        return Fit(None, record, reason)
+    half = ScoreModel.fit(examples.features[fitted], examples.right[fitted])
+    features, right = examples.features[~fitted], examples.right[~fitted]
+    before, after = ScoreModel().score(features), half.score(features)
+    record["unfitted_half"] = {
+        "count": len(right),
+        "ece_before": reliability(before, right)["ece"],
+        "ece_after": reliability(after, right)["ece"],
+        "brier_before": brier_score(before, right),
+        "brier_after": brier_score(after, right),
+    }
+    if brier_score(after, right) >= brier_score(before, right):
+        return Fit(None, record, "on the frames not fitted, the fit is no better than the default")
+    return Fit(ScoreModel.fit(examples.features, examples.right), record)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `pickproof fit-score`."""
+    parser.add_argument("workpiece")
+    parser.add_argument("--frames", type=int, default=40, help="validation heaps (default 40)")
+    parser.add_argument("--weights", type=Path, default=None, help="weights to calibrate (default the shipped ones)")
+    parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
+    parser.add_argument("--out", type=Path, default=None, help="file (default score.json beside the workpiece)")
+
+
+def main_fit_score(args: argparse.Namespace) -> int:
+    """`pickproof fit-score WORKPIECE`; 3 where the examples are too few or the fit is no better than the default."""
+    if args.frames < 2:
+        raise InputError("command line", "--frames", args.frames, "2 or more")
+    if args.workers < 1:
+        raise InputError("command line", "--workers", args.workers, "1 or more")
+    workpiece = load_workpiece(args.workpiece)
+    out = args.out or score_path(workpiece)
+    if not out.parent.is_dir():
+        raise InputError("command line", "--out", str(out), "a file in a folder that exists")
+    setup = Setup(workpiece.name, args.weights, SensorConfig(), VALIDATION_SEED, calibrated=False)
+    setup.check()
+    console = Console()
+    examples = _examined(setup, workpiece, args.frames, args.workers, console)
+    result = fit(examples)
+    console.print(
+        f"{workpiece.name}: {result.record['right']} right and {result.record['wrong']} wrong poses "
+        f"examined in {args.frames} validation heaps"
+    )
+    _print_half(console, result.record.get("unfitted_half"))
+    if result.model is None:
+        console.print(f"nothing written, the default score stays: {result.reason}")
+        return 3
+    source = {
+        "command": f"pickproof {shlex.join(args.words)}",
+        "weights": file_hash(args.weights or weights_path(workpiece)),
+        "frames": args.frames,
+    }
+    result.model.save(out, source | result.record)
+    console.print(f"wrote {out}", soft_wrap=True)
+    return 0
+
+
+def _examined(setup: Setup, workpiece: Workpiece, count: int, workers: int, console: Console) -> Examples:
+    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
+    with Progress(*columns, console=console) as bar:
+        settling = bar.add_task("settling heaps", total=count)
+
+        def settled(n: int) -> None:
+            bar.update(settling, completed=n)
+
+        heaps = load_heaps(workpiece, VALIDATION_SEED, count, HEAPS_FOLDER, workers, settled)
+        return examples_of(bar.track(perceive_heaps(setup, heaps, workers), count, description="examining"), workpiece)
+
+
+def _print_half(console: Console, half: object) -> None:
+    if isinstance(half, dict):
+        console.print(
+            f"on the {half['count']} of the frames that were not fitted: expected calibration error "
+            f"{half['ece_before']:.4f} before, {half['ece_after']:.4f} after; "
+            f"Brier score {half['brier_before']:.4f} before, {half['brier_after']:.4f} after"
+        )

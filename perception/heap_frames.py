@@ -1,0 +1,139 @@
+"""Settled heaps as the cell's camera measures them, and what perception finds there, in one process or in several."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import repeat
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.camera import DepthFrame
+from cell.frames import Array, invert
+from cell.sensor import SensorConfig, measure
+from cell.workpiece import load_workpiece
+from perception.estimate import Perception, shipped_score_model
+from perception.refine import RefineResult
+from perception.scenes import heap_bin, overhead_view, render_heap
+from perception.weights import load_weights, weights_path
+
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class HeapFrame:
+    """One heap: what was measured, what is true there and what was found.
+
+    Attributes:
+        frame: the measured depth.
+        Ts_camera_part: (n, 4, 4) true poses in [m].
+        pixels: (n,) pixels of the exact render on which each instance is seen.
+        result: what perception found.
+    """
+
+    frame: DepthFrame
+    Ts_camera_part: Array
+    pixels: NDArray[np.int64]
+    result: RefineResult
+
+    @cached_property
+    def visibility(self) -> Array:
+        """(n,) n_i / max n_i (eq. N_gt of the paper)."""
+        return self.pixels / max(self.pixels.max(initial=0), 1)
+
+    @cached_property
+    def Ts_estimated(self) -> Array:
+        """(p, 4, 4) verified poses in the camera frame in [m], best score first."""
+        return np.array([e.T_camera_part for e in self.result.estimates]).reshape(-1, 4, 4)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How heaps are looked at.
+
+    Attributes:
+        workpiece: its name.
+        weights: None for the shipped ones.
+        sensor: noise of the depth.
+        seed: with the index of a heap, the seed of its noise and of its voting points.
+        calibrated: with the workpiece's own score model where it has one.
+    """
+
+    workpiece: str
+    weights: Path | None
+    sensor: SensorConfig
+    seed: int
+    calibrated: bool = True
+
+    def check(self) -> None:
+        """Read what `load` reads, without its long preparations.
+
+        Raises:
+            InputError: missing or corrupt workpiece, weights or score model.
+        """
+        workpiece = load_workpiece(self.workpiece)
+        load_weights(self.weights or weights_path(workpiece), workpiece)
+        if self.calibrated:
+            shipped_score_model(workpiece)
+
+    def load(self) -> Perception:
+        """Ready to perceive."""
+        return Perception.load(load_workpiece(self.workpiece), self.weights, calibrated=self.calibrated)
+
+
+def perceive_heaps(setup: Setup, heaps: list[Array], workers: int = 1) -> Iterator[HeapFrame]:
+    """Heaps Ts_world_part (n, 4, 4) seen from the cell's viewpoint, in order and the same for any number of workers."""
+    if workers == 1:
+        perception = setup.load()
+        for index, poses in enumerate(heaps):
+            yield perceive_heap(perception, poses, setup.sensor, np.random.default_rng((setup.seed, index)))
+        return
+    with _single_threaded_children():
+        pool = ProcessPoolExecutor(min(workers, len(heaps)), mp_context=get_context("spawn"))
+        try:
+            yield from pool.map(_perceive, repeat(setup), range(len(heaps)), heaps)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def perceive_heap(perception: Perception, poses: Array, sensor: SensorConfig, rng: np.random.Generator) -> HeapFrame:
+    """Render a heap from the cell's viewpoint, measure it and perceive it."""
+    workpiece = perception.workpiece
+    view = overhead_view(workpiece, sensor)
+    exact = render_heap(workpiece, poses, view)
+    frame = measure(exact, view.intrinsics, view.T_world_camera, sensor, rng)
+    result = perception.perceive(frame, heap_bin(workpiece), rng)
+    pixels = np.bincount(exact.ids[exact.ids >= 0], minlength=len(poses))
+    return HeapFrame(frame, invert(view.T_world_camera) @ poses, pixels, result)
+
+
+@lru_cache(maxsize=1)
+def _loaded(setup: Setup) -> Perception:
+    return setup.load()
+
+
+def _perceive(setup: Setup, index: int, poses: Array) -> HeapFrame:
+    rng = np.random.default_rng((setup.seed, index))
+    return perceive_heap(_loaded(setup), poses, setup.sensor, rng)
+
+
+@contextmanager
+def _single_threaded_children() -> Iterator[None]:
+    """Processes started meanwhile use one thread each: their libraries read the environment at import."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -14,6 +14,7 @@ from perception.sampling import (
     VOXELS,
     Graph,
     build_graph,
+    least_axis,
     local_frames,
     neighbours,
     normals_of,
@@ -194,3 +195,15 @@ def test_a_speck_of_a_cloud_still_has_every_level() -> None:
     g = build_graph(cloud_of(points, np.tile([0.0, 0.0, 1.0], (600, 1))), rng)
     assert g is not None
     assert all(len(level.points) >= 1 and np.isfinite(level.frames).all() for level in g.levels)
+
+
+def test_the_least_axis_is_that_of_the_eigenvalue_solver_and_survives_degenerate_input():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(200, 32, 3)) * [1.0, 0.7, 0.05] @ np.linalg.qr(rng.normal(size=(200, 3, 3)))[0]
+    C = np.swapaxes(X, 1, 2) @ X
+    cosine = np.abs((least_axis(C) * np.linalg.eigh(C)[1][:, :, 0]).sum(1))
+    assert (cosine > 1 - 1e-9).all()
+    flat = np.stack([np.zeros((3, 3)), np.eye(3), np.diag([1.0, 0, 0]), np.diag([2.0, 2.0, 0.0])])
+    axes = least_axis(flat)
+    assert np.isfinite(axes).all() and np.allclose(np.linalg.norm(axes, axis=1), 1)
+    assert abs(axes[3, 2]) > 1 - 1e-9

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 import trimesh
 
-from cell._open3d import load_open3d
 from cell.bin import Box
 from cell.errors import InputError
 from cell.frames import Array, apply, make_transform
+from cell.raycast import RayCaster, make_caster
 
 DEPTH_SCHEMA = 1
 DEPTH_STEP = 2.5e-5
@@ -135,14 +135,19 @@ class Render:
     Attributes:
         depth: (h, w) float64 in [m], 0 where nothing was hit.
         ids: (h, w) int32: index of the workpiece, -1 for anything else.
+        normals: (h, w, 3) float32 unit normals in camera coordinates, on the camera's side; 0 where nothing was hit.
         cos_view: (h, w) cosine between the surface normal and the direction to the camera.
         lit: (h, w) bool: the projector's light reaches the point.
+        reflected: (h, w) length in [m] of the camera's ray from where a workpiece mirrors it to the next surface,
+            infinite where there is none; None where it was not asked for.
     """
 
     depth: Array
     ids: np.ndarray
+    normals: np.ndarray
     cos_view: Array
     lit: np.ndarray
+    reflected: Array | None = None
 
 
 def render(
@@ -154,48 +159,73 @@ def render(
     T_world_camera: Array,
     projector_offset: tuple[float, float, float] | None = None,
     threads: int = 1,
+    reflections: bool = False,
 ) -> Render:
-    """Cast one ray a pixel against the exact meshes (Embree through Open3D).
+    """Cast one ray a pixel against the exact meshes.
 
     Args:
         part_vertices, part_faces: the CAD mesh (n, 3) [m] and (m, 3).
         Ts_world_part: (k, 4, 4) poses of the workpieces.
         boxes: static surroundings.
         projector_offset: the projector's position in camera coordinates [m]; None for no shadow.
+        reflections: follow the rays that workpieces mirror (one more cast), see `Render.reflected`.
     """
-    o3d = load_open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=threads)
-    k, n = len(Ts_world_part), len(part_vertices)
-    if k:
-        vertices = apply(np.asarray(Ts_world_part), part_vertices).reshape(-1, 3)
-        faces = (part_faces[None] + n * np.arange(k)[:, None, None]).reshape(-1, 3)
-        scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
-    for box in boxes:
-        solid = trimesh.creation.box(extents=box.size, transform=box.T_world_box)
-        scene.add_triangles(solid.vertices.astype(np.float32), solid.faces.astype(np.uint32))
-    rays_camera = intrinsics.rays()
-    directions = rays_camera @ T_world_camera[:3, :3].T
-    rays = np.empty((intrinsics.height, intrinsics.width, 6), dtype=np.float32)
-    rays[..., :3], rays[..., 3:] = T_world_camera[:3, 3], directions
-    hit = scene.cast_rays(o3d.core.Tensor(rays), nthreads=threads)
-    t = hit["t_hit"].numpy().astype(np.float64)  # directions have z = 1 in the camera, so t is the depth
-    missed = ~np.isfinite(t)
-    depth = np.where(missed, 0.0, t)
-    ids = np.full(depth.shape, -1, dtype=np.int32)
-    if k:
-        geometry, primitive = hit["geometry_ids"].numpy(), hit["primitive_ids"].numpy()
-        of_part = ~missed & (geometry == 0)
-        ids[of_part] = primitive[of_part] // len(part_faces)
-    normals = hit["primitive_normals"].numpy().astype(np.float64)
-    lengths = np.linalg.norm(normals, axis=-1) * np.linalg.norm(directions, axis=-1)
-    cos_view = np.abs((normals * directions).sum(-1)) / np.where(lengths > 0, lengths, 1.0)
+    vertices, faces = _scene(part_vertices, part_faces, np.asarray(Ts_world_part), boxes)
+    caster = make_caster(vertices, faces, threads)
+    shape = (intrinsics.height, intrinsics.width)
+    R, eye = T_world_camera[:3, :3], T_world_camera[:3, 3]
+    directions = intrinsics.rays().reshape(-1, 3) @ R.T
+    hits = caster.cast(eye, directions)
+    missed = hits.face < 0
+    depth = np.where(missed, 0.0, hits.t)  # directions have z = 1 in the camera, so t is the depth
+    ids = np.where(missed, -1, hits.face // max(len(part_faces), 1))
+    ids[ids >= len(Ts_world_part)] = -1
+    normals, cos_view = _facing(vertices, faces, hits.face, directions)
+    points = eye + directions * depth[:, None]
     lit = ~missed
     if projector_offset is not None:
-        points = T_world_camera[:3, 3] + directions * depth[..., None]
-        source = T_world_camera[:3, :3] @ np.asarray(projector_offset) + T_world_camera[:3, 3]
         # from the light towards the surface: free until just before the point
-        shadow_rays = np.empty_like(rays)
-        shadow_rays[..., :3], shadow_rays[..., 3:] = source, points - source
-        first = scene.cast_rays(o3d.core.Tensor(shadow_rays), nthreads=threads)["t_hit"].numpy()
-        lit &= first > 1.0 - 1e-3
-    return Render(depth, ids, cos_view, lit)
+        source = R @ np.asarray(projector_offset) + eye
+        lit &= caster.cast(source, points - source).t > 1.0 - 1e-3
+    reflected = _reflect(caster, points, directions, normals, ids >= 0).reshape(shape) if reflections else None
+    return Render(
+        depth.reshape(shape),
+        ids.astype(np.int32).reshape(shape),
+        (normals @ R).astype(np.float32).reshape(*shape, 3),
+        cos_view.reshape(shape),
+        lit.reshape(shape),
+        reflected,
+    )
+
+
+def _scene(vertices: Array, faces: np.ndarray, Ts: Array, boxes: Sequence[Box]) -> tuple[Array, np.ndarray]:
+    """One mesh in the world: the workpieces' faces in order, then those of the boxes."""
+    k, n = len(Ts), len(vertices)
+    all_vertices = [apply(Ts, vertices).reshape(-1, 3)] if k else []
+    all_faces = [(faces[None] + n * np.arange(k)[:, None, None]).reshape(-1, 3)] if k else []
+    start = k * n
+    for box in boxes:
+        solid = trimesh.creation.box(extents=box.size, transform=box.T_world_box)
+        all_vertices.append(solid.vertices)
+        all_faces.append(solid.faces + start)
+        start += len(solid.vertices)
+    return np.concatenate(all_vertices), np.concatenate(all_faces)
+
+
+def _facing(vertices: Array, faces: np.ndarray, face: np.ndarray, directions: Array) -> tuple[Array, Array]:
+    """World normals (n, 3) of the faces that rays hit, turned against the rays, and the cosine of incidence (n,)."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    of_face = np.cross(b - a, c - a)
+    of_face /= np.maximum(np.linalg.norm(of_face, axis=1, keepdims=True), 1e-30)
+    normals = np.concatenate([of_face, np.zeros((1, 3))])[face]  # the last row is for face -1
+    along = np.einsum("ij,ij->i", normals, directions)
+    return normals * -np.sign(along)[:, None], np.abs(along) / np.linalg.norm(directions, axis=1)
+
+
+def _reflect(caster: RayCaster, points: Array, directions: Array, normals: Array, chosen: np.ndarray) -> Array:
+    """Lengths (n,) of the mirrored rays of the chosen pixels up to the next surface, infinite elsewhere."""
+    d, n = directions[chosen], normals[chosen]
+    d = d / np.linalg.norm(d, axis=1, keepdims=True)
+    lengths = np.full(len(points), np.inf)
+    lengths[chosen] = caster.cast(points[chosen] + 1e-4 * n, d - 2 * np.einsum("ij,ij->i", d, n)[:, None] * n).t
+    return lengths

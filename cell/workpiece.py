@@ -16,6 +16,7 @@ from pydantic import Field
 from cell.config import Config, load
 from cell.errors import InputError
 from cell.frames import Array
+from cell.optics import Optics
 from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, enclosing_box, read_hulls
 from cell.symmetry import Symmetry
 
@@ -49,6 +50,7 @@ class WorkpieceConfig(Config):
     material: str
     density: float = Field(gt=10, lt=30000, description="[kg/m3]")
     friction: float = Field(gt=0, le=2)
+    optics: Optics = Optics()
     symmetry: SymmetryConfig = SymmetryConfig()
     collision_boxes: tuple[CollisionBox, ...] = ()
     collision_cylinders: tuple[CollisionCylinder, ...] = ()
@@ -75,6 +77,7 @@ class Workpiece:
     com: Array
     inertia: Array
     friction: float
+    optics: Optics
     symmetry: Symmetry
     collision_boxes: tuple[CollisionBox, ...]
     collision_cylinders: tuple[CollisionCylinder, ...]
@@ -171,6 +174,7 @@ def _load(folder: Path) -> Workpiece:
         com=np.array(mesh.center_mass),
         inertia=np.array(mesh.moment_inertia),
         friction=config.friction,
+        optics=config.optics,
         symmetry=symmetry,
         collision_boxes=config.collision_boxes,
         collision_cylinders=config.collision_cylinders,

@@ -61,7 +61,7 @@ def label(graph: Graph, cloud: Cloud, ids: np.ndarray, Ts_camera_part: Array) ->
 def make_sample(workpiece: Workpiece, poses: Array, view: View, rng: np.random.Generator) -> Sample | None:
     """One labelled cloud of a heap; None when next to nothing is seen."""
     exact = render_heap(workpiece, poses, view)
-    frame = measure(exact, view.intrinsics, view.T_world_camera, view.sensor, rng)
+    frame = measure(exact, view.intrinsics, view.T_world_camera, view.sensor, rng, workpiece.optics)
     cloud = scene_cloud(frame, roi_mask(frame, heap_bin(workpiece)), workpiece.unit)
     graph = build_graph(cloud, rng)
     if graph is None:

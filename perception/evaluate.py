@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,18 +15,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from cell.camera import DepthFrame
 from cell.errors import InputError
-from cell.frames import Array, invert
-from cell.sensor import SensorConfig, measure
+from cell.frames import Array
+from cell.sensor import SensorConfig
 from cell.workpiece import Workpiece, load_workpiece
+from perception.analysis import Instances, distances, instances_of, recall_by_visibility, right_poses
 from perception.calibration import reliability
-from perception.estimate import Perception
-from perception.metrics import FrameScore, score_frame, summarise, visible_instances
+from perception.evaluation_page import Evaluation, write_page
+from perception.heap_frames import HeapFrame, Setup, perceive_heaps
+from perception.metrics import POINTS, FrameScore, score_frame, summarise, visible_instances
 from perception.overlay import Pictured, draw_frames
 from perception.pose_estimate import PoseEstimate
-from perception.refine import RefineResult
-from perception.scenes import HELD_OUT_SEED, heap_bin, load_heaps, overhead_view, render_heap
+from perception.scenes import HELD_OUT_SEED, load_heaps
 from perception.weights import file_hash, weights_path, weights_record
 
 HEAPS_FOLDER = Path("out") / "heaps"
@@ -35,42 +36,47 @@ PICTURED = 6
 
 @dataclass(frozen=True)
 class Frame:
-    """One evaluated frame: what was measured, what is true, what was found, and both scores."""
+    """One evaluated frame.
 
-    frame: DepthFrame
-    Ts_camera_part: Array
-    counted: np.ndarray
-    result: RefineResult
+    Attributes:
+        seed: of the heap.
+        seen: what was measured, what is true, what was found.
+        raw, refined: scores of the paper's poses and of the verified ones.
+        instances: each true instance and the verified pose nearest to it.
+        pictured: what the overlay draws.
+        examined_right: (h,) bool, which of the examined poses are right.
+    """
+
+    seed: int
+    seen: HeapFrame
     raw: FrameScore
     refined: FrameScore
-
-    @property
-    def pictured(self) -> Pictured:
-        """What the overlay draws."""
-        return self.frame, self.Ts_camera_part, self.counted, self.result.estimates, self.refined.matched
+    instances: Instances
+    pictured: Pictured
+    examined_right: np.ndarray
 
 
-def evaluate_frames(perception: Perception, heaps: list[Array], sensor: SensorConfig) -> Iterator[Frame]:
-    """Render each heap from the cell's viewpoint, perceive it, and score it against the truth."""
-    workpiece, bin = perception.workpiece, heap_bin(perception.workpiece)
-    view = overhead_view(workpiece, sensor)
-    points = workpiece.sample_surface(500)[0]
-    for i, poses in enumerate(heaps):
-        exact = render_heap(workpiece, poses, view)
-        rng = np.random.default_rng((HELD_OUT_SEED, i))
-        frame = measure(exact, view.intrinsics, view.T_world_camera, sensor, rng)
-        result = perception.perceive(frame, bin, rng)
-        truth = invert(view.T_world_camera) @ poses
-        counted = visible_instances(np.bincount(exact.ids[exact.ids >= 0], minlength=len(poses)))
+def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: int) -> Iterator[Frame]:
+    """Score what was found in each heap against the truth."""
+    points, symmetry = workpiece.sample_surface(POINTS)[0], workpiece.symmetry
+    for i, heap in enumerate(seen):
+        truth, found = heap.Ts_camera_part, heap.Ts_estimated
+        counted = visible_instances(heap.pixels)
         raw, refined = (
-            score_frame(_poses(found), truth, counted, workpiece, points=points)
-            for found in (result.raw, result.estimates)
+            score_frame(poses, truth, counted, workpiece, points=points) for poses in (_poses(heap.result.raw), found)
         )
-        yield Frame(frame, truth, counted, result, raw, refined)
+        D = distances(found, truth, points, symmetry)
+        instances = instances_of(first_seed + i, heap.visibility, counted, refined.matched, D, found, truth, symmetry)
+        errors = D.min(1, initial=np.inf)
+        pictured = Pictured(heap.frame, truth, counted, found, refined.matched, errors)
+        examined = heap.result.examined
+        tried = np.zeros((0, 4, 4)) if examined is None else examined.Ts_camera_part
+        right = right_poses(tried, truth, points, workpiece)
+        yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right)
 
 
 def _poses(estimates: list[PoseEstimate]) -> Array:
-    return np.stack([e.T_camera_part for e in estimates]) if estimates else np.zeros((0, 4, 4))
+    return np.array([e.T_camera_part for e in estimates]).reshape(-1, 4, 4)
 
 
 def report_of(frames: list[Frame]) -> dict[str, object]:
@@ -78,7 +84,7 @@ def report_of(frames: list[Frame]) -> dict[str, object]:
     methods: dict[str, object] = {}
     means: dict[str, float] = {}
     for frame in frames:
-        for stage, t in frame.result.seconds.items():
+        for stage, t in frame.seen.result.seconds.items():
             means[stage] = means.get(stage, 0.0) + t / len(frames)
     raw_stages = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
     for name, scores, seconds in (
@@ -93,9 +99,20 @@ def report_of(frames: list[Frame]) -> dict[str, object]:
             "median_mm": _number(s.median_mm),
             "median_deg": _number(s.median_deg),
             "frames": s.frames,
+            "missed": sum(f.n_gt - f.true_positives for f in scores),
+            "wrong": sum(f.n_pred - f.true_positives for f in scores),
             "seconds_per_frame": seconds | {"total": sum(seconds.values())},
         }
     return methods
+
+
+def calibration_of(frames: list[Frame]) -> dict[str, object]:
+    """Reliability of the scores of verified poses, and under `examined` of all poses that verification examined."""
+    scores = np.concatenate([[e.score for e in f.seen.result.estimates] for f in frames])
+    right = np.concatenate([f.refined.matched >= 0 for f in frames])
+    tried = [e.scores for f in frames if (e := f.seen.result.examined) is not None]
+    examined = reliability(np.concatenate([np.zeros(0), *tried]), np.concatenate([f.examined_right for f in frames]))
+    return reliability(scores, right) | {"examined": examined}
 
 
 def _number(x: float) -> float | None:
@@ -109,51 +126,67 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", type=int, default=50, help="held-out heaps (default 50)")
     parser.add_argument("--seed", type=int, default=0, help="added to the first held-out seed")
     parser.add_argument("--weights", type=Path, default=None, help="weights to evaluate (default the shipped ones)")
-    parser.add_argument("--no-noise", action="store_true", help="exact depth in place of the sensor model")
+    sensor = parser.add_mutually_exclusive_group()
+    sensor.add_argument("--no-noise", action="store_true", help="exact depth in place of the sensor model")
+    parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
+    parser.add_argument("--json", action="store_true", help="print the evaluation as JSON; progress goes to stderr")
     parser.add_argument("--out", type=Path, default=None, help="output folder (default out/evaluate/WORKPIECE)")
 
 
 def main_evaluate(args: argparse.Namespace) -> int:
     """`pickproof evaluate WORKPIECE`."""
-    if args.frames < 1:
-        raise InputError("command line", "--frames", args.frames, "1 or more")
-    if args.seed < 0:
-        raise InputError("command line", "--seed", args.seed, "0 or more")
+    for option, value, least in (("frames", args.frames, 1), ("seed", args.seed, 0), ("workers", args.workers, 1)):
+        if value < least:
+            raise InputError("command line", f"--{option}", value, f"{least} or more")
     workpiece = load_workpiece(args.workpiece)
     weights = args.weights or weights_path(workpiece)
-    perception = Perception.load(workpiece, weights)
+    setup = Setup(workpiece.name, weights, SensorConfig(enabled=not args.no_noise), HELD_OUT_SEED)
+    setup.check()
     out = args.out or Path("out") / "evaluate" / workpiece.name
     out.mkdir(parents=True, exist_ok=True)
-    console = Console()
-    sensor = SensorConfig(enabled=not args.no_noise)
-    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
-    frames: list[Frame] = []
-    with Progress(*columns, console=console) as bar:
-        settling = bar.add_task("settling heaps", total=args.frames)
-        first = HELD_OUT_SEED + args.seed
-        heaps = load_heaps(workpiece, first, args.frames, HEAPS_FOLDER, 1, lambda n: bar.update(settling, completed=n))
-        task = bar.add_task("evaluating", total=args.frames)
-        for frame in evaluate_frames(perception, heaps, sensor):
-            frames.append(frame)
-            bar.advance(task)
-    methods = report_of(frames)
-    scores = np.concatenate([[e.score for e in f.result.estimates] for f in frames])
-    right = np.concatenate([f.refined.matched >= 0 for f in frames])
-    data = {
+    console = Console(stderr=args.json)
+    frames = _evaluated(setup, workpiece, HELD_OUT_SEED + args.seed, args.frames, args.workers, console)
+    instances = Instances.join([f.instances for f in frames])
+    data: dict[str, Any] = {
         "workpiece": workpiece.name,
+        "command": f"pickproof {shlex.join(args.words)}",
         "weights": file_hash(weights),
         "record": weights_record(weights),
-        "noise": not args.no_noise,
+        "noise": setup.sensor.enabled,
+        "sensor": setup.sensor.model_dump(),
         "tolerance_mm": 1000 * workpiece.tolerance,
-        "methods": methods,
-        "calibration": reliability(scores, right),
+        "methods": report_of(frames),
+        "recall_by_visibility": recall_by_visibility(instances),
+        "calibration": calibration_of(frames),
     }
     (out / "evaluation.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    worst = sorted(range(len(frames)), key=lambda i: _f1(frames[i].refined))[:PICTURED]
-    draw_frames([frames[i].pictured for i in worst], workpiece, out / "evaluation.png")
-    _print(console, workpiece, data)
-    console.print(f"wrote {out / 'evaluation.json'} and {out / 'evaluation.png'} (the {len(worst)} worst frames)")
+    instances.save(out / "instances.csv")
+    worst = sorted(frames, key=lambda f: _f1(f.refined))[:PICTURED]
+    draw_frames([f.pictured for f in worst], workpiece, out / "evaluation.png")
+    shown = [(f.seed, f.refined, f.pictured) for f in worst]
+    scores = [f.refined for f in frames]
+    write_page(Evaluation(workpiece, data, instances, scores, shown), out / "evaluation.html")
+    if args.json:
+        print(json.dumps(data, indent=1))
+    else:
+        _print(console, workpiece, data)
+        console.print(f"wrote evaluation.html, .json, .png and instances.csv to {out}", soft_wrap=True)
     return 0
+
+
+def _evaluated(
+    setup: Setup, workpiece: Workpiece, first_seed: int, count: int, workers: int, console: Console
+) -> list[Frame]:
+    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
+    with Progress(*columns, console=console) as bar:
+        settling = bar.add_task("settling heaps", total=count)
+
+        def settled(n: int) -> None:
+            bar.update(settling, completed=n)
+
+        heaps = load_heaps(workpiece, first_seed, count, HEAPS_FOLDER, workers, settled)
+        seen = bar.track(perceive_heaps(setup, heaps, workers), count, description="evaluating")
+        return list(score_frames(seen, workpiece, first_seed))
 
 
 def _f1(score: FrameScore) -> float:

@@ -17,10 +17,8 @@ from cell.bin import Bin, Box, table
 from cell.camera import Intrinsics, Render, look_at, render
 from cell.errors import InputError, SimulationError
 from cell.frames import Array, about_axis
-from cell.sensor import SensorConfig
-from cell.settle import fill_bin
+from cell.sensor import SensorConfig, random_sensor
 from cell.workpiece import Workpiece, load_workpiece
-from cell.world import World
 
 TRAIN_SEED, VALIDATION_SEED, HELD_OUT_SEED = 1_000_000, 2_000_000, 3_000_000
 """First seeds of the three sets; a heap's seed alone makes its poses, so the sets never share a heap."""
@@ -50,6 +48,9 @@ def heap_boxes(workpiece: Workpiece) -> list[Box]:
 
 def settle_heap(workpiece: Workpiece, seed: int) -> Array:
     """Ts_world_part (n, 4, 4) of one settled heap; a random count in the workpiece's range."""
+    from cell.settle import fill_bin  # loads PyBullet, which rendering stored heaps does without
+    from cell.world import World
+
     for attempt in range(5):  # now and then a part keeps rocking; such a heap is thrown away
         rng = np.random.default_rng((seed, attempt))
         count = int(rng.integers(workpiece.heap.count[0], workpiece.heap.count[1] + 1))
@@ -125,15 +126,7 @@ def random_view(workpiece: Workpiece, rng: np.random.Generator) -> View:
     width = int(rng.integers(340, 500))
     # the bin's diagonal fills the image, so that any roll shows all of it
     fov = 2 * np.arctan(np.hypot(inner[0], inner[1]) / 2 / distance) * 1.02
-    sensor = SensorConfig(
-        axial_sigma=1.2e-4 * rng.uniform(0.3, 2.5),
-        lateral_sigma=rng.uniform(0.1, 0.4),
-        grazing_deg=rng.uniform(72, 86),
-        edge_dropout=rng.uniform(0.2, 0.8),
-        speckle_dropout=rng.uniform(0.0, 0.05),
-        baseline=rng.uniform(0.04, 0.2),
-    )
-    return View(Intrinsics.from_fov(width, width, fov), T, sensor)
+    return View(Intrinsics.from_fov(width, width, fov), T, random_sensor(rng))
 
 
 def overhead_view(workpiece: Workpiece, sensor: SensorConfig | None = None) -> View:
@@ -155,4 +148,5 @@ def render_heap(workpiece: Workpiece, poses: Array, view: View, threads: int = 1
         view.T_world_camera,
         view.sensor.projector_offset,
         threads,
+        view.sensor.sees_reflections(workpiece.optics),
     )

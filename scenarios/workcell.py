@@ -106,8 +106,10 @@ class Workcell:
             camera.intrinsics,
             camera.T_world_camera,
             sensor.projector_offset,
+            reflections=sensor.sees_reflections(self.workpiece.optics),
         )
-        return measure(exact, camera.intrinsics, camera.T_world_camera, sensor, rng), exact.ids
+        frame = measure(exact, camera.intrinsics, camera.T_world_camera, sensor, rng, self.workpiece.optics)
+        return frame, exact.ids
 
 
 def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:

@@ -1,0 +1,79 @@
+"""First hits of rays with a triangle mesh by Embree: through Open3D where it can be imported, else through embreex.
+
+Training thus runs on a machine that has no Open3D.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cell.frames import Array
+
+
+@dataclass(frozen=True)
+class Hits:
+    """First hits of n rays.
+
+    Attributes:
+        t: (n,) float64 in lengths of the ray's direction, infinite where nothing is hit.
+        face: (n,) int64 index of the triangle, -1 where nothing is hit.
+    """
+
+    t: Array
+    face: np.ndarray
+
+
+class RayCaster(Protocol):
+    """Casts rays against one mesh."""
+
+    def cast(self, origins: Array, directions: Array) -> Hits:
+        """First hits of rays from `origins` (n, 3) or (3,) [m] along `directions` (n, 3) of any length."""
+        ...
+
+
+class Open3dCaster:
+    """Embree through Open3D, which can use several threads."""
+
+    def __init__(self, vertices: Array, faces: np.ndarray, threads: int = 1) -> None:
+        from cell._open3d import load_open3d
+
+        self._o3d = load_open3d()
+        self._threads = threads
+        self._scene = self._o3d.t.geometry.RaycastingScene(nthreads=threads)
+        self._scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+
+    def cast(self, origins: Array, directions: Array) -> Hits:
+        rays = np.empty((len(directions), 6), dtype=np.float32)
+        rays[:, :3], rays[:, 3:] = origins, directions
+        hit = self._scene.cast_rays(self._o3d.core.Tensor(rays), nthreads=self._threads)
+        t = hit["t_hit"].numpy().astype(np.float64)
+        return Hits(t, np.where(np.isfinite(t), hit["primitive_ids"].numpy().astype(np.int64), -1))
+
+
+class EmbreexCaster:
+    """Embree through embreex, on one thread."""
+
+    def __init__(self, vertices: Array, faces: np.ndarray) -> None:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self._scene = EmbreeScene()
+        self._mesh = TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
+
+    def cast(self, origins: Array, directions: Array) -> Hits:
+        directions = np.ascontiguousarray(directions, dtype=np.float32)
+        origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape), dtype=np.float32)
+        hit = self._scene.run(origins, directions, output=True)
+        face = hit["primID"].astype(np.int64)
+        return Hits(np.where(face >= 0, hit["tfar"].astype(np.float64), np.inf), face)
+
+
+def make_caster(vertices: Array, faces: np.ndarray, threads: int = 1) -> RayCaster:
+    """A ray caster for the mesh (n, 3) [m], (m, 3); `threads` counts with Open3D alone."""
+    try:
+        return Open3dCaster(vertices, faces, threads)
+    except ImportError:
+        return EmbreexCaster(vertices, faces)

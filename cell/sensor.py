@@ -206,7 +206,8 @@ def received_intensity(render: Render, intrinsics: Intrinsics, baseline: float, 
         cos2 = np.maximum(cos_half, np.float32(0.05)) ** 2
         lobe = np.exp((1 - 1 / cos2) / optics.roughness**2) / (4 * optics.roughness**2 * cos2**2)
         intensity += part * (cos_light > 0) * optics.specular * lobe / np.maximum(render.cos_view, 0.05)
-    usual = np.median(distance[::8, ::8])
+    hit = z[::8, ::8] > 0
+    usual = np.median(distance[::8, ::8][hit]) if hit.any() else np.float32(1.0)
     return np.asarray(intensity * (usual / distance) ** 2, dtype=np.float32)
 
 

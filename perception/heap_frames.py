@@ -108,7 +108,7 @@ def perceive_heap(perception: Perception, poses: Array, sensor: SensorConfig, rn
     workpiece = perception.workpiece
     view = overhead_view(workpiece, sensor)
     exact = render_heap(workpiece, poses, view)
-    frame = measure(exact, view.intrinsics, view.T_world_camera, sensor, rng, perception.workpiece.optics)
+    frame = measure(exact, view.intrinsics, view.T_world_camera, sensor, rng, workpiece.optics)
     result = perception.perceive(frame, heap_bin(workpiece), rng)
     pixels = np.bincount(exact.ids[exact.ids >= 0], minlength=len(poses))
     return HeapFrame(frame, invert(view.T_world_camera) @ poses, pixels, result)

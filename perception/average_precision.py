@@ -17,7 +17,7 @@ from cell.frames import Array, apply
 from cell.workpiece import Workpiece
 
 SILEANE_DISTANCE = 0.1
-"""Of the diameter: greatest distance of a true positive (Bregier et al. 2017, sec. 5)."""
+"""Of the diameter: greatest distance of a true positive (Bregier et al. 2017)."""
 
 SILEANE_VISIBLE = 0.5
 """Instances seen at least to this share are to be retrieved (occlusion at most 50 %)."""
@@ -76,7 +76,7 @@ def visible_share(exact: Render, workpiece: Workpiece, Ts_camera_part: Array, in
 def representatives(Ts: Array, workpiece: Workpiece) -> Array:
     """Points (n, k, d) in [m] that stand for poses (n, 4, 4): the distance of two poses is the least between theirs.
 
-    It is the root mean square distance of the surface at the best symmetry (Bregier et al. 2018, table 2): d = 12, and
+    It is the root mean square distance of the surface at the best symmetry (Bregier et al. 2018): d = 12, and
     k the order of the group; with an axis of revolution d = 6, and k = 1, or 2 where the axis can be reversed; for a
     sphere d = 3.
     """
@@ -164,9 +164,10 @@ def _sileane_point(frame: Detections, distances: Array, score: float, limit: flo
 
 
 def mssd(T_pred: Array, Ts_true: Array, workpiece: Workpiece) -> Array:
-    """Maximum symmetry-aware surface distance (n,) in [m] of a pose (4, 4) to poses (n, 4, 4) (Hodan et al. 2020).
+    """Maximum symmetry-aware surface distance (n,) in [m] of a pose (4, 4) to poses (n, 4, 4).
 
-    The greatest distance lies at a vertex of the convex hull. Spheres, which BOP does not know: distance of centres.
+    Hodan et al. 2020, sec. 2.2. The greatest distance lies at a vertex of the convex hull. For spheres, which BOP does
+    not know, it is the distance of the centres.
     """
     if workpiece.symmetry.is_sphere:
         return np.linalg.norm(T_pred[:3, 3] - Ts_true[:, :3, 3], axis=-1)

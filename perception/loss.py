@@ -1,4 +1,4 @@
-"""The two losses of PS6D, and the CAD-coordinate loss that is ours."""
+"""The two losses of PS6D, the CAD-coordinate loss that is ours, and the losses of PPR-Net++ for its peer row."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits
 
 from cell.symmetry import Symmetry
 from perception.network import Prediction
@@ -30,25 +31,39 @@ class Target:
 
 @dataclass(frozen=True)
 class SymmetricModel:
-    """The CAD points that the rotation loss compares.
+    """What the rotation losses compare of the CAD.
 
     Attributes:
         points: (k, 3) CAD points in units, already multiplied by v.
         S: (s, 3, 3) the finite symmetry group.
         v: (3,)
+        moment_root: (3, 3) symmetric root of the points' second moment, in units; with infinite symmetry
+            sqrt(r^2 + z^2) on the axis, r^2 and z^2 the moments across and along it (Bregier et al. 2018, table 1).
     """
 
     points: Tensor
     S: Tensor
     v: Tensor
+    moment_root: Tensor
 
     @staticmethod
     def of(points: Tensor, symmetry: Symmetry) -> SymmetricModel:
         v = torch.tensor(symmetry.v.copy(), dtype=points.dtype)
-        return SymmetricModel(points * v, torch.tensor(symmetry.S.copy(), dtype=points.dtype), v)
+        return SymmetricModel(
+            points * v, torch.tensor(symmetry.S.copy(), dtype=points.dtype), v, _moment_root(points, v)
+        )
 
     def to(self, device: torch.device) -> SymmetricModel:
-        return SymmetricModel(self.points.to(device), self.S.to(device), self.v.to(device))
+        return SymmetricModel(*(x.to(device) for x in (self.points, self.S, self.v, self.moment_root)))
+
+
+def _moment_root(points: Tensor, v: Tensor) -> Tensor:
+    moment = points.T @ points / len(points)
+    if v.sum() == 1:
+        axis = v.bool()
+        return torch.diag(v) * (moment[axis, axis] + moment.diagonal()[~axis].mean()).sqrt()
+    values, axes = torch.linalg.eigh(moment)
+    return v.prod() * (axes * values.clamp_min(0).sqrt()) @ axes.T
 
 
 def rotation_loss(predicted: Tensor, true: Tensor, model: SymmetricModel) -> Tensor:
@@ -108,3 +123,30 @@ def ps6d_loss(
         total = total + w_cad * cad
         parts["cad"] = cad.detach()
     return total, parts
+
+
+PPR_NET_RIGHT = 0.05
+"""[unit] a centre and a rotation are right at least this near; published: 5 mm, with a unit taken for 0.1 m."""
+PPR_NET_CONFIDENCE_WEIGHT = 0.5
+"""Of the confidence loss; published: 10 against 200 a metre of the two others."""
+
+
+def ppr_net_loss(prediction: Prediction, target: Target, model: SymmetricModel) -> tuple[Tensor, dict[str, Tensor]]:
+    """Losses of PPR-Net++ (Zeng et al. 2021) as its authors' code has them.
+
+    Centre: sum of absolute differences. Rotation: least over the symmetries of the sum of absolute differences of
+    R moment_root (Bregier's representation of a pose). Confidence: cross entropy against whether both are below half
+    their mean, or below PPR_NET_RIGHT. Theirs are weighted by each instance's visibility; here all points weigh alike.
+    """
+    centre = (prediction.centres - target.centres).abs().sum(dim=1)
+    true = torch.einsum("mij,sjk->msik", target.rotations, model.S @ model.moment_root)
+    difference = (prediction.rotations @ model.moment_root)[:, None] - true
+    rotation = difference.abs().sum(dim=(2, 3)).amin(dim=1)
+    right = torch.ones_like(centre, dtype=torch.bool)
+    for error in (centre.detach(), rotation.detach()):
+        right &= error < (error.mean() / 2).clamp_min(PPR_NET_RIGHT)
+    assert prediction.confidence is not None
+    confidence = binary_cross_entropy_with_logits(prediction.confidence, right.to(centre.dtype))
+    total = rotation.mean() + centre.mean() + PPR_NET_CONFIDENCE_WEIGHT * confidence
+    parts = {"rotation": rotation.mean(), "translation": centre.mean(), "confidence": confidence}
+    return total, {name: part.detach() for name, part in parts.items()}

@@ -48,6 +48,10 @@ class NetworkConfig:
     heads: Literal["ps6d", "ppr_net"] = "ps6d"
     coordinate_scale: float | None = None
 
+    def __post_init__(self) -> None:
+        if self.backbone not in ("point_transformer", "pointnet2_msg") or self.heads not in ("ps6d", "ppr_net"):
+            raise ValueError(f"no backbone {self.backbone} or no heads {self.heads}")
+
     @property
     def scale(self) -> float:
         """The network's units of length in one unit of the cloud."""

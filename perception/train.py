@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import time
 from pathlib import Path
 
@@ -15,23 +16,26 @@ from cell.errors import InputError
 from cell.frames import Array
 from cell.workpiece import Workpiece, load_workpiece
 from perception.dataset import Sample, make_sample, stream
-from perception.network import NetworkConfig
 from perception.scenes import TRAIN_SEED, VALIDATION_SEED, load_heaps, overhead_view
 from perception.trainer import TrainConfig, Trainer, batches
+from perception.variants import VARIANTS, network_config
 from perception.weights import weights_path
 
 HEAPS_FOLDER = Path("out") / "heaps"
 VALIDATION_HEAPS = 16
+SHOW_EVERY = 10  # steps: reading the loss waits for the device
 
 
-def train(workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, console: Console) -> Path:
-    """Train and write checkpoint, weights, log and curves to `out`; returns the path of the weights.
+def train(
+    workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, console: Console, command: str = ""
+) -> Path:
+    """Train and write checkpoint, weights, record, log and curves to `out`; returns the path of the weights.
 
     The learning rate falls as a cosine to zero at `clouds` or `minutes`, whichever comes first; resuming starts the
     cosine anew from the stored weights.
     """
     out.mkdir(parents=True, exist_ok=True)
-    trainer = Trainer(workpiece, config, out)
+    trainer = Trainer(workpiece, config, out, command)
     if resume:
         trainer.resume()
     heaps, validation = prepare(workpiece, config, console)
@@ -48,8 +52,9 @@ def train(workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, co
                 if trainer.clouds >= due or trainer.done >= 1.0:
                     due = trainer.clouds + config.validate_every
                     console.print(_line(trainer.record(validation)))
-                shown = f"{workpiece.name} on {trainer.device.type}: {trainer.clouds} clouds, loss {loss:.3f}"
-                bar.update(task, completed=trainer.done, description=shown)
+                if trainer.steps % SHOW_EVERY == 0:
+                    shown = f"{workpiece.name} on {trainer.device.type}: {trainer.clouds} clouds, loss {loss:.3f}"
+                    bar.update(task, completed=trainer.done, description=shown)
     finally:
         source.close()
         samples.close()
@@ -93,15 +98,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--minutes", type=float, default=d.minutes, help=f"stop after these (default {d.minutes:g})")
     parser.add_argument("--clouds", type=int, default=d.clouds, help="stop after this many clouds")
     parser.add_argument("--heaps", type=int, default=d.heaps, help=f"settled heaps to train on (default {d.heaps})")
-    parser.add_argument("--batch", type=int, default=d.batch, help=f"clouds a step (default {d.batch})")
+    parser.add_argument("--batch", type=int, default=d.batch, help=f"clouds a step (default {d.batch}; more on CUDA)")
     parser.add_argument("--reuse", type=int, default=d.reuse, help="times a rendered cloud is used")
     parser.add_argument("--lr", type=float, default=d.learning_rate, help="peak learning rate")
-    parser.add_argument("--loaders", type=int, default=d.loaders, help="rendering processes (0: in this one)")
+    parser.add_argument(
+        "--loaders", type=int, default=d.loaders, help="rendering processes (0: in this one; CUDA: all cores but one)"
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--plain", action="store_true", help="without local frames and CAD-coordinate head (ablation)")
+    parser.add_argument("--variant", default="ps6d", help=f"network: {', '.join(VARIANTS)}")
     parser.add_argument("--init", default="", help="start from the weights of another workpiece: a name or a file")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in the output folder")
-    parser.add_argument("--out", type=Path, default=None, help="output folder (default out/train/WORKPIECE)")
+    parser.add_argument("--out", type=Path, default=None, help="output folder (default out/train/WORKPIECE[-VARIANT])")
+
+
+def command_line(args: argparse.Namespace) -> str:
+    """The command that gives these arguments, defaults left out."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    defaults = parser.parse_args([args.workpiece])
+    words = ["pickproof", "train", args.workpiece]
+    for name, default in vars(defaults).items():
+        value = getattr(args, name)
+        if value != default:
+            words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
+    return shlex.join(words)
 
 
 def main_train(args: argparse.Namespace) -> int:
@@ -112,14 +132,15 @@ def main_train(args: argparse.Namespace) -> int:
     if args.loaders < 0 or args.seed < 0:
         raise InputError("command line", "--loaders, --seed", (args.loaders, args.seed), "0 or more")
     workpiece = load_workpiece(args.workpiece)
+    network = network_config(args.variant, workpiece)
     config = TrainConfig(
         minutes=args.minutes, clouds=args.clouds, heaps=args.heaps, batch=args.batch, reuse=args.reuse,
         learning_rate=args.lr, loaders=args.loaders, seed=args.seed,
         init=str(_init_path(args.init)) if args.init else "",
-        network=NetworkConfig(local_frames=not args.plain, cad_head=not args.plain),
+        network=network,
     )  # fmt: skip
-    out = args.out or Path("out") / "train" / workpiece.name
+    out = args.out or Path("out") / "train" / (workpiece.name + (f"-{args.variant}" if args.variant != "ps6d" else ""))
     console = Console()
-    path = train(workpiece, config, out, args.resume, console)
+    path = train(workpiece, config, out, args.resume, console, command_line(args))
     console.print(f"weights: {path}\ncurves:  {out / 'curves.png'}")
     return 0

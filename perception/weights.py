@@ -28,6 +28,14 @@ def file_hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
+def state_hash(network: Ps6d) -> str:
+    """First 16 hex digits of the SHA-256 of a network's parameters and statistics."""
+    digest = hashlib.sha256()
+    for value in network.state_dict().values():
+        digest.update(value.cpu().numpy().tobytes())
+    return digest.hexdigest()[:16]
+
+
 def save_weights(path: Path, network: Ps6d, workpiece: Workpiece, record: dict[str, object]) -> None:
     """Write the weights as fp16; `record` (command, clouds seen, seed, ...) is kept in the file's metadata."""
     tensors = {
@@ -37,6 +45,7 @@ def save_weights(path: Path, network: Ps6d, workpiece: Workpiece, record: dict[s
     meta = {
         "schema": str(WEIGHTS_SCHEMA),
         "workpiece": workpiece.name,
+        "unit": repr(workpiece.unit),
         "network": json.dumps(asdict(network.config)),
         "record": json.dumps(record),
     }
@@ -68,6 +77,8 @@ def load_weights(path: Path, workpiece: Workpiece | None) -> Ps6d:
         raise InputError(path, "schema", meta.get("schema"), f"{WEIGHTS_SCHEMA}; {remedy}")
     if workpiece is not None and meta.get("workpiece") != workpiece.name:
         raise InputError(path, "workpiece", meta.get("workpiece"), f"{workpiece.name}; {remedy}")
+    if workpiece is not None and abs(float(meta.get("unit", workpiece.unit)) / workpiece.unit - 1) > 1e-6:
+        raise InputError(path, "unit", meta["unit"], f"{workpiece.unit!r}, the workpiece's unit in [m]; {remedy}")
     try:
         sizes = json.loads(meta["network"])
         network = Ps6d(NetworkConfig(**(sizes | {"channels": tuple(sizes["channels"])})))

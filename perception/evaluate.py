@@ -17,7 +17,7 @@ from rich.table import Table
 
 from cell.errors import InputError
 from cell.frames import Array
-from cell.sensor import SensorConfig
+from cell.sensor import SensorConfig, list_presets
 from cell.workpiece import Workpiece, load_workpiece
 from perception.analysis import Instances, distances, instances_of, recall_by_visibility, right_poses
 from perception.calibration import reliability
@@ -127,6 +127,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="added to the first held-out seed")
     parser.add_argument("--weights", type=Path, default=None, help="weights to evaluate (default the shipped ones)")
     sensor = parser.add_mutually_exclusive_group()
+    sensor.add_argument("--sensor", metavar="PRESET", help="camera class (default structured_light)")
     sensor.add_argument("--no-noise", action="store_true", help="exact depth in place of the sensor model")
     parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
     parser.add_argument("--json", action="store_true", help="print the evaluation as JSON; progress goes to stderr")
@@ -138,9 +139,12 @@ def main_evaluate(args: argparse.Namespace) -> int:
     for option, value, least in (("frames", args.frames, 1), ("seed", args.seed, 0), ("workers", args.workers, 1)):
         if value < least:
             raise InputError("command line", f"--{option}", value, f"{least} or more")
+    if args.sensor is not None and args.sensor not in list_presets():
+        raise InputError("command line", "--sensor", args.sensor, f"one of: {', '.join(list_presets())}")
+    sensor = SensorConfig.of_preset(args.sensor) if args.sensor else SensorConfig(enabled=not args.no_noise)
     workpiece = load_workpiece(args.workpiece)
     weights = args.weights or weights_path(workpiece)
-    setup = Setup(workpiece.name, weights, SensorConfig(enabled=not args.no_noise), HELD_OUT_SEED)
+    setup = Setup(workpiece.name, weights, sensor, HELD_OUT_SEED)
     setup.check()
     out = args.out or Path("out") / "evaluate" / workpiece.name
     out.mkdir(parents=True, exist_ok=True)
@@ -152,8 +156,8 @@ def main_evaluate(args: argparse.Namespace) -> int:
         "command": f"pickproof {shlex.join(args.words)}",
         "weights": file_hash(weights),
         "record": weights_record(weights),
-        "noise": setup.sensor.enabled,
-        "sensor": setup.sensor.model_dump(),
+        "noise": sensor.enabled,
+        "sensor": sensor.model_dump(),
         "tolerance_mm": 1000 * workpiece.tolerance,
         "methods": report_of(frames),
         "recall_by_visibility": recall_by_visibility(instances),

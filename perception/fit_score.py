@@ -146,7 +146,7 @@ def _examined(setup: Setup, workpiece: Workpiece, count: int, workers: int, cons
 def _print_half(console: Console, half: object) -> None:
     if isinstance(half, dict):
         console.print(
-            f"on the {half['count']} of the frames that were not fitted: expected calibration error "
+            f"on the half of the frames that was not fitted ({half['count']} poses): expected calibration error "
             f"{half['ece_before']:.4f} before, {half['ece_after']:.4f} after; "
             f"Brier score {half['brier_before']:.4f} before, {half['brier_after']:.4f} after"
         )

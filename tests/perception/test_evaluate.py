@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from perception.scenes import HELD_OUT_SEED
 from perception.weights import file_hash, weights_path
 from scenarios.cli import main
-from tests.perception.small_heaps import bracket, fill_folder
+from tests.perception.small_heaps import bracket, fill_folder, small_heaps
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "bracket", "--frames", "2", "--out", "result"]) == 0
-    assert "evaluation.json" in capsys.readouterr().out.replace("\n", "")
+    assert "evaluation.html" in capsys.readouterr().out.replace("\n", "")
     data = json.loads((here / "result" / "evaluation.json").read_text())
     assert data["workpiece"] == "bracket"
     assert data["weights"] == file_hash(weights_path(bracket()))
@@ -41,6 +42,30 @@ def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFix
     assert refined["median_mm"] < data["methods"]["ps6d"]["median_mm"]
     picture = cv2.imread(str(here / "result" / "evaluation.png"))
     assert picture is not None and picture.std() > 10
+    with (here / "result" / "instances.csv").open() as file:
+        instances = list(csv.DictReader(file))
+    assert len(instances) == sum(len(heap) for heap in small_heaps()[:2])
+    assert sum(row["count"] for row in data["recall_by_visibility"]) == len(instances)
+    assert data["calibration"]["examined"]["bins"]
+    page = (here / "result" / "evaluation.html").read_text()
+    assert f"{refined['f1_inst']:.2f}" in page and page.count("data:image/png;base64,") == 2 + 4
+    assert "<script" not in page and 'src="http' not in page
+
+
+def test_json_alone_on_stdout_and_the_same_for_any_number_of_workers(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = []
+    for workers in ("1", "2"):
+        assert main(["evaluate", "bracket", "--frames", "2", "--workers", workers, "--json", "--out", workers]) == 0
+        data = json.loads(capsys.readouterr().out)
+        assert data == json.loads((here / workers / "evaluation.json").read_text())
+        del data["command"]
+        for method in data["methods"].values():
+            del method["seconds_per_frame"]
+        found.append(data)
+    assert found[0] == found[1]
+    assert (here / "1" / "instances.csv").read_bytes() == (here / "2" / "instances.csv").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -48,6 +73,9 @@ def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFix
     [
         (["bracket", "--frames", "0"], ["--frames", "1 or more"]),
         (["bracket", "--seed", "-1"], ["--seed"]),
+        (["bracket", "--workers", "0"], ["--workers", "1 or more"]),
+        (["bracket", "--sensor", "sonar"], ["--sensor", "sonar", "stereo", "structured_light"]),
+        (["bracket", "--sensor", "stereo", "--no-noise"], ["--no-noise", "not allowed with", "--sensor"]),
         (["bracket", "--weights", "none.safetensors"], ["none.safetensors", "pickproof train bracket"]),
         (["brackett"], ["brackett", "bracket"]),
     ],

@@ -1,0 +1,111 @@
+"""`pickproof fit-score`: what it fits, when it does not, and the file it leaves."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perception.calibration import FEATURES, SIGNS, ScoreModel, brier_score, reliability
+from perception.estimate import shipped_score_model
+from perception.fit_score import LEAST, Examples, fit
+from perception.scenes import VALIDATION_SEED
+from perception.weights import file_hash, weights_path
+from scenarios.cli import main
+from tests.perception.small_heaps import bracket, fill_folder
+
+
+def examples(model: ScoreModel, count: int, seed: int = 0) -> Examples:
+    """Poses whose odds of being right are those of `model`."""
+    rng = np.random.default_rng(seed)
+    features = rng.normal(0, 1, (count, len(FEATURES)))
+    return Examples(features, rng.random(count) < model.score(features), np.arange(count) // 20)
+
+
+def test_fit_calibrates_where_the_default_is_wrong() -> None:
+    found = fit(examples(ScoreModel(tuple(0.5 * s for s in SIGNS), 0.5), 4000))
+    assert found.model is not None
+    half = found.record["unfitted_half"]
+    assert isinstance(half, dict)
+    assert half["ece_after"] < 0.06 < half["ece_before"]
+    assert half["brier_after"] < half["brier_before"]
+    assert half["count"] == 2000
+    other = examples(ScoreModel(tuple(0.5 * s for s in SIGNS), 0.5), 4000, seed=1)
+    assert reliability(found.model.score(other.features), other.right)["ece"] == pytest.approx(0, abs=0.05)
+
+
+def test_a_default_that_is_true_stays() -> None:
+    found = fit(examples(ScoreModel(), 600))
+    assert found.model is None and "no better" in found.reason
+
+
+@pytest.mark.parametrize("label", [True, False])
+def test_too_few_of_a_kind_keep_the_default(label: bool) -> None:
+    many = examples(ScoreModel(tuple(0.5 * s for s in SIGNS), 0.0), 2000)
+    alike = Examples(many.features, np.full(2000, label), many.frame)
+    found = fit(alike)
+    assert found.model is None and f"{LEAST} are needed" in found.reason
+    assert found.record["right"] == (2000 if label else 0)
+    nothing = Examples(many.features[:0], many.right[:0], many.frame[:0])
+    assert fit(nothing).model is None
+
+
+def test_brier_score_is_least_at_the_true_probability() -> None:
+    right = np.arange(10) < 7
+    scores = [brier_score(np.full(10, p), right) for p in (0.5, 0.7, 0.9)]
+    assert min(scores) == scores[1] == pytest.approx(0.21)
+    assert brier_score(right.astype(float), right) == 0
+
+
+@pytest.fixture
+def own_bracket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the bracket's folder that a test may write to, with two small validation heaps at hand."""
+    folder = tmp_path / "workpieces" / "bracket"
+    shutil.copytree(bracket().folder, folder)
+    (folder / "score.json").unlink(missing_ok=True)
+    monkeypatch.setenv("PICKPROOF_WORKPIECES", str(folder.parent))
+    monkeypatch.chdir(tmp_path)
+    fill_folder(tmp_path / "out" / "heaps", VALIDATION_SEED, 2)
+    return folder
+
+
+def test_command_writes_a_model_that_perception_loads(
+    own_bracket: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (own_bracket / "score.json").write_text("of an older version")
+    assert main(["fit-score", "bracket", "--frames", "2"]) == 3
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"{LEAST} are needed" in printed and "nothing written" in printed
+    assert (own_bracket / "score.json").read_text() == "of an older version"
+    monkeypatch.setattr("perception.fit_score.LEAST", 1)
+    assert main(["fit-score", "bracket", "--frames", "2", "--out", "score.json"]) in (0, 3)
+    assert "expected calibration error" in " ".join(capsys.readouterr().out.split())
+
+
+def test_saved_model_keeps_its_record(own_bracket: Path) -> None:
+    part = bracket()
+    model = ScoreModel(tuple(0.5 * s for s in SIGNS), 0.25)
+    model.save(own_bracket / "score.json", {"frames": 3, "weights": file_hash(weights_path(part))})
+    assert ScoreModel.load(own_bracket / "score.json") == model
+    assert shipped_score_model(replace(part, folder=own_bracket)) == model
+    assert json.loads((own_bracket / "score.json").read_text())["record"]["frames"] == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["bracket", "--frames", "1"], ["--frames", "2 or more"]),
+        (["bracket", "--workers", "0"], ["--workers", "1 or more"]),
+        (["bracket", "--out", "nowhere/score.json"], ["--out", "nowhere"]),
+        (["bracket", "--weights", "none.safetensors"], ["none.safetensors", "pickproof train bracket"]),
+        (["brackett"], ["brackett", "bracket"]),
+    ],
+)
+def test_bad_input_is_named(words: list[str], names: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit-score", *words]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and all(name in error for name in names)

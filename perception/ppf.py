@@ -26,13 +26,14 @@ Cloud6 = NDArray[np.float32]
 """(n, 6) points in diameters and unit normals, the layout that OpenCV asks for."""
 
 SCALE = 100.0
-"""Coordinates that OpenCV gets, in diameters. It averages hypotheses closer than BINS coordinate units whatever their
-rotation (its bound on the angle is 360 over the step in rad, read as degrees: 30 rad), so in large coordinates none."""
+"""Coordinates that OpenCV gets, in diameters. It averages hypotheses closer than `distance_step` units whatever their
+rotation (its bound on the angle is 360 over the step in rad, read as degrees: 30 rad), so none in large coordinates."""
 
 MODEL_SAMPLES = 20_000
 BINS = 0.01
-"""OpenCV thins clouds to 1 / BINS cells along each side of the bounding box, slender cells in a slender box. Clouds are
-thinned to cubic cells before (`_thin`), and its own cells are made too small to matter."""
+"""OpenCV thins a scene to 1 / BINS cells along each side of its bounding box, slender cells in a slender box. Clouds
+are thinned to cubic cells before (`_thin`), so its own cells are too small to matter. In training it does the same with
+its sampling step, which is also the bin of the distance; its distance step is not used."""
 MIN_POINTS = 50
 """Fewest points that are matched or registered; OpenCV fails on degenerate clouds."""
 
@@ -42,7 +43,7 @@ class PpfConfig(Config):
 
     model_step: float = Field(0.08, gt=0.02, le=0.3, description="cell of the model's points")
     scene_step: float = Field(0.06, gt=0.02, le=0.3, description="cell of the scene's points")
-    distance_step: float = Field(0.05, gt=0, le=0.3, description="bin of the pair's distance")
+    distance_step: float = Field(0.05, ge=0.01, le=0.1, description="bin of the pair's distance")
     angles: int = Field(30, ge=4, le=180, description="bins of a full turn, of the feature's angles and of the votes")
     reference_share: float = Field(0.5, gt=0, le=1, description="share of the scene's points that vote")
     merge: float = Field(0.12, ge=0, le=1, description="hypotheses closer than this (Bregier) are one; votes add up")
@@ -67,7 +68,7 @@ class Ppf:
         config = config or PpfConfig()
         points, normals = workpiece.sample_surface(MODEL_SAMPLES)
         surface = np.hstack([points / _diameter(workpiece), normals]).astype(np.float32)
-        detector = cv2.ppf_match_3d.PPF3DDetector(BINS, config.distance_step, config.angles)
+        detector = cv2.ppf_match_3d.PPF3DDetector(config.distance_step, config.distance_step, config.angles)
         detector.trainModel(_scaled(_thin(surface, config.model_step)))
         return Ppf(workpiece, config, detector, _thin(surface, config.icp_step))
 

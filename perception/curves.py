@@ -23,7 +23,7 @@ def draw_curves(history: list[dict[str, float]], path: Path, title: str) -> None
     ):
         if key in history[-1]:
             left.plot(clouds, [row.get(key, float("nan")) for row in history], label=label)
-    left.set(xlabel="clouds seen", ylabel="error [longest sides]", title=title, ylim=(0, 0.5))
+    left.set(xlabel="clouds seen", ylabel="error [unit]", title=title, ylim=(0, 0.5))
     left.legend(fontsize=7)
     left.grid(alpha=0.3)
     right.plot(clouds, [100 * row["right"] for row in history])

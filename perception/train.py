@@ -52,7 +52,7 @@ def train(
                 if trainer.clouds >= due or trainer.done >= 1.0:
                     due = trainer.clouds + config.validate_every
                     console.print(_line(trainer.record(validation)))
-                if trainer.steps % SHOW_EVERY == 0:
+                if trainer.steps % SHOW_EVERY == 0 or trainer.done >= 1.0:
                     shown = f"{workpiece.name} on {trainer.device.type}: {trainer.clouds} clouds, loss {loss:.3f}"
                     bar.update(task, completed=trainer.done, description=shown)
     finally:

@@ -10,7 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from cell.frames import Array, random_rotations
 from perception.dataset import train_sample
-from perception.network import NetworkConfig, Prediction, Ps6d, pack, quaternion_to_matrix
+from perception.network import (
+    MaxOverNeighbours,
+    NarrowLinear,
+    NetworkConfig,
+    Prediction,
+    Ps6d,
+    pack,
+    quaternion_to_matrix,
+)
 from perception.sampling import Graph
 from tests.perception.small_heaps import bracket, small_heaps
 
@@ -124,6 +132,30 @@ def test_every_parameter_learns() -> None:
     (out.centres.square().sum() + (out.rotations * torch.randn(3, 3)).sum() + out.cad.square().sum()).backward()
     dead = [name for name, p in net.named_parameters() if p.grad is None or not p.grad.abs().max() > 0]
     assert dead == []
+
+
+def test_attention_by_terms_is_that_of_their_sum() -> None:
+    """The published order: weights(k_j - q_i + delta), then softmax (Point Transformer, eq. 3)."""
+    torch.manual_seed(0)
+    block, cloud = Ps6d().block2.double(), graphs()[0]
+    index = torch.from_numpy(cloud.levels[1].block)
+    y, hidden = torch.randn(len(index), 96).double(), torch.randn(*index.shape, 48).double()
+    delta = block.position.second(hidden)
+    expected = torch.softmax(block.weights(block.k(y)[index] - block.q(y)[:, None] + delta), dim=1)
+    assert expected.std() > 1e-3
+    torch.testing.assert_close(block._attention(y, hidden, index), expected, rtol=0, atol=1e-12)
+
+
+def test_gradients_written_by_hand_are_those_of_autograd() -> None:
+    x = torch.randn(50, 6, 5, dtype=torch.float64, requires_grad=True)
+    layer = NarrowLinear(5, 7).double()
+    upstream = torch.randn(50, 7).double()
+    (MaxOverNeighbours.apply(layer(x)) * upstream).sum().backward()
+    by_hand = [x.grad, layer.weight.grad, layer.bias.grad]
+    x.grad = layer.weight.grad = layer.bias.grad = None
+    (torch.nn.functional.linear(x, layer.weight, layer.bias).amax(dim=1) * upstream).sum().backward()
+    for mine, theirs in zip(by_hand, [x.grad, layer.weight.grad, layer.bias.grad], strict=True):
+        torch.testing.assert_close(mine, theirs, rtol=0, atol=1e-12)
 
 
 def test_quaternions_become_the_rotations_of_scipy() -> None:

@@ -22,11 +22,11 @@ def draw_curves(history: list[dict[str, float]], path: Path, title: str) -> None
         ("train_cad", "CAD coordinates, training mean"),
     ):
         if key in history[-1]:
-            left.plot(clouds, [row.get(key, float("nan")) for row in history], label=label)
-    left.set(xlabel="clouds seen", ylabel="error [unit]", title=title, ylim=(0, 0.5))
+            left.plot(clouds, [row.get(key, float("nan")) for row in history], marker=".", label=label)
+    left.set(xlabel="clouds seen", ylabel="error [unit]", title=title, ylim=(0, None))
     left.legend(fontsize=7)
     left.grid(alpha=0.3)
-    right.plot(clouds, [100 * row["right"] for row in history])
+    right.plot(clouds, [100 * row["right"] for row in history], marker=".")
     minutes = history[-1]["seconds"] / 60
     right.set(xlabel="clouds seen", ylabel="voting points right [%]", ylim=(0, 100), title=f"{minutes:.0f} min")
     right.grid(alpha=0.3)

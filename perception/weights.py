@@ -14,6 +14,7 @@ from safetensors.torch import save_file
 from cell.errors import InputError
 from cell.workpiece import Workpiece
 from perception.network import NetworkConfig, Ps6d
+from perception.sampling import VOXELS
 
 WEIGHTS_SCHEMA = 1
 
@@ -46,6 +47,7 @@ def save_weights(path: Path, network: Ps6d, workpiece: Workpiece, record: dict[s
         "schema": str(WEIGHTS_SCHEMA),
         "workpiece": workpiece.name,
         "unit": repr(workpiece.unit),
+        "voxels": json.dumps(VOXELS),
         "network": json.dumps(asdict(network.config)),
         "record": json.dumps(record),
     }
@@ -77,8 +79,10 @@ def load_weights(path: Path, workpiece: Workpiece | None) -> Ps6d:
         raise InputError(path, "schema", meta.get("schema"), f"{WEIGHTS_SCHEMA}; {remedy}")
     if workpiece is not None and meta.get("workpiece") != workpiece.name:
         raise InputError(path, "workpiece", meta.get("workpiece"), f"{workpiece.name}; {remedy}")
-    if workpiece is not None and abs(float(meta.get("unit", workpiece.unit)) / workpiece.unit - 1) > 1e-6:
+    if workpiece is not None and "unit" in meta and not _is_near(meta["unit"], workpiece.unit):
         raise InputError(path, "unit", meta["unit"], f"{workpiece.unit!r}, the workpiece's unit in [m]; {remedy}")
+    if meta.get("voxels", json.dumps(VOXELS)) != json.dumps(VOXELS):
+        raise InputError(path, "voxels", meta["voxels"], f"{json.dumps(VOXELS)}, the levels of the cloud; {remedy}")
     try:
         sizes = json.loads(meta["network"])
         network = Ps6d(NetworkConfig(**(sizes | {"channels": tuple(sizes["channels"])})))
@@ -91,6 +95,13 @@ def load_weights(path: Path, workpiece: Workpiece | None) -> Ps6d:
     if not all(torch.isfinite(v).all() for v in network.state_dict().values() if v.is_floating_point()):
         raise InputError(path, "tensors", "values that are not finite", remedy)
     return network.eval()
+
+
+def _is_near(text: str, value: float) -> bool:
+    try:
+        return abs(float(text) - value) <= 1e-6 * value
+    except ValueError:
+        return False
 
 
 def weights_record(path: Path) -> dict[str, object]:

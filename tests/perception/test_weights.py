@@ -13,6 +13,7 @@ from safetensors.torch import load_file, save_file
 
 from cell.errors import InputError
 from perception.network import NetworkConfig, Ps6d
+from perception.sampling import VOXELS
 from perception.weights import file_hash, load_weights, save_weights, state_hash, weights_path, weights_record
 from tests.perception.small_heaps import bracket
 
@@ -104,9 +105,15 @@ def test_weights_of_another_workpiece(path: Path) -> None:
 def test_weights_of_a_workpiece_that_has_changed_its_unit(path: Path) -> None:
     with safe_open(path, framework="pt") as file:
         assert float(file.metadata()["unit"]) == bracket().unit
-    rewrite(path, {"unit": "0.1"})
-    says(path, "unit", "0.1", str(bracket().unit))
+    for unit in ("0.1", "nan", "long"):
+        rewrite(path, {"unit": unit})
+        says(path, "unit", unit, str(bracket().unit))
     assert load_weights(path, None).config == SMALL
+
+
+def test_weights_of_other_levels(path: Path) -> None:
+    rewrite(path, {"voxels": "[0.03, 0.1, 0.2, 0.4]"})
+    says(path, "voxels", "0.1", str(VOXELS[1]))
 
 
 def test_the_hash_of_a_network_is_of_its_values() -> None:

@@ -72,6 +72,19 @@ class ScoreModel:
         weights = w[:-1] / spread
         return ScoreModel(tuple(float(x) for x in weights), float(w[-1] - mean @ weights))
 
+    def rescaled(self, features: Floats, right: np.ndarray) -> ScoreModel:
+        """The same order of poses with the odds of others, (n, len(FEATURES)) and (n,) bool (Platt 1999)."""
+        z = features @ np.asarray(self.weights) + self.bias
+        n = int(right.sum())
+        y = np.where(right, (n + 1) / (n + 2), 1 / (len(right) - n + 2))
+
+        def loss(w: Floats) -> float:
+            s = w[0] * z + w[1]
+            return float(np.logaddexp(0.0, s).sum() - y @ s)
+
+        slope, shift = minimize(loss, np.array([1.0, 0.0]), method="L-BFGS-B", bounds=[(1e-3, None), (None, None)]).x
+        return ScoreModel(tuple(float(slope * w) for w in self.weights), float(slope * self.bias + shift))
+
     def save(self, path: Path, record: dict[str, object] | None = None) -> None:
         """Write as JSON; `record` says how the model was made."""
         data = {"schema": SCHEMA, "weights": dict(zip(FEATURES, self.weights, strict=True)), "bias": self.bias}

@@ -44,7 +44,7 @@ class Frame:
         raw, refined: scores of the paper's poses and of the verified ones.
         instances: each true instance and the verified pose nearest to it.
         pictured: what the overlay draws.
-        examined_right: (h,) bool, which of the examined poses are right.
+        standing_right: (s,) bool, which of the poses without a better rival are right.
     """
 
     seed: int
@@ -53,7 +53,7 @@ class Frame:
     refined: FrameScore
     instances: Instances
     pictured: Pictured
-    examined_right: np.ndarray
+    standing_right: np.ndarray
 
 
 def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: int) -> Iterator[Frame]:
@@ -70,8 +70,8 @@ def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: in
         errors = D.min(1, initial=np.inf)
         pictured = Pictured(heap.frame, truth, counted, found, refined.matched, errors)
         examined = heap.result.examined
-        tried = np.zeros((0, 4, 4)) if examined is None else examined.Ts_camera_part
-        right = right_poses(tried, truth, points, workpiece)
+        standing = np.zeros((0, 4, 4)) if examined is None else examined.Ts_camera_part[examined.standing]
+        right = right_poses(standing, truth, points, workpiece)
         yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right)
 
 
@@ -107,12 +107,12 @@ def report_of(frames: list[Frame]) -> dict[str, object]:
 
 
 def calibration_of(frames: list[Frame]) -> dict[str, object]:
-    """Reliability of the scores of verified poses, and under `examined` of all poses that verification examined."""
+    """Reliability of the scores of verified poses, and under `standing` of all that have no better rival."""
     scores = np.concatenate([[e.score for e in f.seen.result.estimates] for f in frames])
     right = np.concatenate([f.refined.matched >= 0 for f in frames])
-    tried = [e.scores for f in frames if (e := f.seen.result.examined) is not None]
-    examined = reliability(np.concatenate([np.zeros(0), *tried]), np.concatenate([f.examined_right for f in frames]))
-    return reliability(scores, right) | {"examined": examined}
+    before = [e.scores[e.standing] for f in frames if (e := f.seen.result.examined) is not None]
+    standing = reliability(np.concatenate([np.zeros(0), *before]), np.concatenate([f.standing_right for f in frames]))
+    return reliability(scores, right) | {"standing": standing}
 
 
 def _number(x: float) -> float | None:

@@ -100,12 +100,12 @@ def draw_visibility(instances: Instances, recall: list[dict[str, Any]], toleranc
 
 
 def draw_reliability(calibration: dict[str, Any]) -> bytes:
-    """PNG: share of right poses against score, and the number of poses, of all examined ones and of the verified."""
+    """PNG: share of right poses against score, and their number, before the thresholds of verification and after."""
     figure = Figure(figsize=(8, 3.7), layout="constrained")
     for axes, curve, name in zip(
         figure.subplots(1, 2),
-        (calibration["examined"], calibration),
-        ("all examined poses", "verified poses"),
+        (calibration["standing"], calibration),
+        ("before the thresholds", "verified"),
         strict=True,
     ):
         rows = curve["bins"]

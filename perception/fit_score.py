@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -26,15 +26,29 @@ from perception.weights import file_hash, weights_path
 HEAPS_FOLDER = Path("out") / "heaps"
 LEAST = 5 * len(FEATURES)
 """Right and wrong poses that each half must hold: ten of each a weight in all (Peduzzi et al. 1996)."""
+LEAST_STANDING = 10
+"""Of them, right and wrong ones among the standing poses of each half, which two parameters are fitted to."""
 
 
 @dataclass(frozen=True)
 class Examples:
-    """Examined poses: features (n, len(FEATURES)), right (n,) bool, and the frame (n,) each is of."""
+    """Examined poses.
+
+    Attributes:
+        features: (n, len(FEATURES)).
+        right: (n,) bool.
+        standing: (n,) bool, those without a better rival (`Examined.standing`).
+        frame: (n,) index of the frame each is of.
+    """
 
     features: Array
     right: np.ndarray
+    standing: np.ndarray
     frame: np.ndarray
+
+    def select(self, mask: np.ndarray) -> Examples:
+        """Those in the mask (n,)."""
+        return Examples(self.features[mask], self.right[mask], self.standing[mask], self.frame[mask])
 
 
 @dataclass(frozen=True)
@@ -55,38 +69,54 @@ class Fit:
 def examples_of(frames: Iterable[HeapFrame], workpiece: Workpiece) -> Examples:
     """Every pose that verification examined in these frames, labelled by the truth."""
     points = workpiece.sample_surface(POINTS)[0]
-    features, right, frame = [np.zeros((0, len(FEATURES)))], [np.zeros(0, dtype=bool)], [np.zeros(0, dtype=np.int64)]
+    none = np.zeros(0, dtype=bool)
+    parts = [Examples(np.zeros((0, len(FEATURES))), none, none, np.zeros(0, dtype=np.int64))]
     for i, seen in enumerate(frames):
-        if seen.result.examined is not None:
-            poses = seen.result.examined.Ts_camera_part
-            features.append(seen.result.examined.features)
-            right.append(right_poses(poses, seen.Ts_camera_part, points, workpiece))
-            frame.append(np.full(len(poses), i))
-    return Examples(np.concatenate(features), np.concatenate(right), np.concatenate(frame))
+        if (examined := seen.result.examined) is not None:
+            poses = examined.Ts_camera_part
+            right = right_poses(poses, seen.Ts_camera_part, points, workpiece)
+            standing = np.isin(np.arange(len(poses)), examined.standing)
+            parts.append(Examples(examined.features, right, standing, np.full(len(poses), i)))
+    return Examples(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Examples)))
 
 
 def fit(examples: Examples) -> Fit:
-    """Fit on every other frame, compare with the default on the rest; if better there, fit on all."""
-    fitted = examples.frame % 2 == 0
-    kinds = [examples.right & fitted, examples.right & ~fitted, ~examples.right & fitted, ~examples.right & ~fitted]
-    record: dict[str, object] = {"right": int(examples.right.sum()), "wrong": int((~examples.right).sum())}
-    fewest = min(int(kind.sum()) for kind in kinds)
-    if fewest < LEAST:
-        reason = f"a half of the frames has {fewest} poses of a kind, right or wrong; {LEAST} are needed"
-        return Fit(None, record, reason)
-    half = ScoreModel.fit(examples.features[fitted], examples.right[fitted])
-    features, right = examples.features[~fitted], examples.right[~fitted]
-    before, after = ScoreModel().score(features), half.score(features)
-    record["unfitted_half"] = {
-        "count": len(right),
-        "ece_before": reliability(before, right)["ece"],
-        "ece_after": reliability(after, right)["ece"],
-        "brier_before": brier_score(before, right),
-        "brier_after": brier_score(after, right),
+    """Fit on every other frame, compare with the default on the standing poses of the rest; if better, fit on all."""
+    halves = [examples.select(examples.frame % 2 == k) for k in (0, 1)]
+    record: dict[str, object] = {
+        "right": int(examples.right.sum()),
+        "wrong": int((~examples.right).sum()),
+        "standing_right": int((examples.right & examples.standing).sum()),
+        "standing_wrong": int((~examples.right & examples.standing).sum()),
     }
-    if brier_score(after, right) >= brier_score(before, right):
+    for least, name, kept in (
+        (LEAST, "examined", [half.right for half in halves]),
+        (LEAST_STANDING, "unrivalled", [half.right[half.standing] for half in halves]),
+    ):
+        for kind, fewest in (("right", min(r.sum() for r in kept)), ("wrong", min((~r).sum() for r in kept))):
+            if fewest < least:
+                reason = f"too few {kind} {name} poses: {fewest} in a half of the frames, {least} are needed"
+                return Fit(None, record, reason)
+    model, other = fit_model(halves[0]), halves[1].select(halves[1].standing)
+    before, after = ScoreModel().score(other.features), model.score(other.features)
+    record["unfitted_half"] = {
+        "standing": len(other.right),
+        "right": int(other.right.sum()),
+        "ece_before": reliability(before, other.right)["ece"],
+        "ece_after": reliability(after, other.right)["ece"],
+        "brier_before": brier_score(before, other.right),
+        "brier_after": brier_score(after, other.right),
+    }
+    if brier_score(after, other.right) >= brier_score(before, other.right):
         return Fit(None, record, "on the frames not fitted, the fit is no better than the default")
-    return Fit(ScoreModel.fit(examples.features, examples.right), record)
+    return Fit(fit_model(examples), record)
+
+
+def fit_model(examples: Examples) -> ScoreModel:
+    """Weights from all poses, as the score orders rivals; then the odds of the standing ones, which are right more
+    often than examined poses that look alike."""
+    standing = examples.select(examples.standing)
+    return ScoreModel.fit(examples.features, examples.right).rescaled(standing.features, standing.right)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,8 +144,9 @@ def main_fit_score(args: argparse.Namespace) -> int:
     examples = _examined(setup, workpiece, args.frames, args.workers, console)
     result = fit(examples)
     console.print(
-        f"{workpiece.name}: {result.record['right']} right and {result.record['wrong']} wrong poses "
-        f"examined in {args.frames} validation heaps"
+        f"{workpiece.name}: {result.record['right']} right and {result.record['wrong']} wrong poses examined in "
+        f"{args.frames} validation heaps; without a better rival {result.record['standing_right']} right and "
+        f"{result.record['standing_wrong']} wrong"
     )
     _print_half(console, result.record.get("unfitted_half"))
     if result.model is None:
@@ -146,7 +177,8 @@ def _examined(setup: Setup, workpiece: Workpiece, count: int, workers: int, cons
 def _print_half(console: Console, half: object) -> None:
     if isinstance(half, dict):
         console.print(
-            f"on the half of the frames that was not fitted ({half['count']} poses): expected calibration error "
+            f"unrivalled poses of the frames that were not fitted, {half['right']} of {half['standing']} right: "
+            f"expected calibration error "
             f"{half['ece_before']:.4f} before, {half['ece_after']:.4f} after; "
             f"Brier score {half['brier_before']:.4f} before, {half['brier_after']:.4f} after"
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from pydantic import Field
 
 from cell.camera import DepthFrame
@@ -21,7 +22,7 @@ from perception.icp import COARSE, FINE, LAST, register
 from perception.pose_estimate import PoseEstimate
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
-from perception.verify import Claims, VerifyConfig, examine, inlier_tolerance, on_surface, settle
+from perception.verify import Claims, VerifyConfig, accepted, examine, inlier_tolerance, on_surface, settle
 from perception.votes import Votes
 
 
@@ -44,11 +45,13 @@ class Examined:
         Ts_camera_part: (h, 4, 4) in [m].
         features: (h, len(FEATURES)), inputs of the score model.
         scores: (h,) in [0, 1].
+        standing: (s,) indices of those that have no better rival, best first; thresholds come after.
     """
 
     Ts_camera_part: Array
     features: Array
     scores: Array
+    standing: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,8 @@ def refine(
         scene = SurfaceMap.of(frame, shape.unit, config.depth_sigma, roi)
         clock.lap("surface")
         claims = _search(votes, votes, modes, categories, scene, shape, config, config.hypotheses, score_model, clock)
-        winners = settle(claims, scene, shape, config.verify)
+        standing = settle(claims, scene, shape, config.verify)
+        winners = accepted(claims, standing, config.verify)
         clock.lap("verify")
         if config.second_round:
             # what the winners explain is done; each place among the votes left over gets a longer search
@@ -103,10 +107,11 @@ def refine(
             again = _search(left, votes, *nothing, scene, shape, config, config.hypotheses_second, score_model, clock)
             if len(again):
                 claims = claims.join(again)
-                winners = settle(claims, scene, shape, config.verify)
+                standing = settle(claims, scene, shape, config.verify)
+                winners = accepted(claims, standing, config.verify)
             clock.lap("verify")
     features = claims.evidence.features(inlier_tolerance(scene, config.verify))
-    examined = Examined(_transforms(claims, shape), features, claims.scores)
+    examined = Examined(_transforms(claims, shape), features, claims.scores, standing)
     return RefineResult(_estimates(winners, shape), raw, clock.seconds, examined)
 
 

@@ -202,13 +202,17 @@ def _support(
     return np.asarray(n.numpy()), share[0], share[1]
 
 
-def settle(claims: Claims, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig) -> Claims:
-    """Of rival claims the best, best first, and of these the ones that pass every threshold."""
+def settle(claims: Claims, scene: SurfaceMap, shape: ShapeModel, config: VerifyConfig) -> NDArray[np.int64]:
+    """Indices of the claims that have no better rival, best first."""
     shared, overlap = rivalry(claims.rotations, claims.positions, scene, shape, config)
-    winners = np.asarray(suppress(np.argsort(-claims.scores, kind="stable"), shared, overlap, config), dtype=np.int64)
+    return np.asarray(suppress(np.argsort(-claims.scores, kind="stable"), shared, overlap, config), dtype=np.int64)
+
+
+def accepted(claims: Claims, standing: NDArray[np.int64], config: VerifyConfig) -> Claims:
+    """Of the claims at the indices `standing`, (s,) from `settle`, those that pass every threshold."""
     good = claims.scores >= config.min_score
     good &= (claims.evidence.ratio >= config.min_ratio) & (claims.evidence.inliers >= config.min_visible)
-    return claims.select(winners[good[winners]])
+    return claims.select(standing[good[standing]])
 
 
 def on_surface(

@@ -20,10 +20,12 @@ from tests.perception.small_heaps import bracket, fill_folder
 
 
 def examples(model: ScoreModel, count: int, seed: int = 0) -> Examples:
-    """Poses whose odds of being right are those of `model`."""
+    """Poses whose odds of being right are those of `model`; every other one has no better rival."""
     rng = np.random.default_rng(seed)
     features = rng.normal(0, 1, (count, len(FEATURES)))
-    return Examples(features, rng.random(count) < model.score(features), np.arange(count) // 20)
+    return Examples(
+        features, rng.random(count) < model.score(features), np.arange(count) % 2 == 0, np.arange(count) // 20
+    )
 
 
 def test_fit_calibrates_where_the_default_is_wrong() -> None:
@@ -33,7 +35,7 @@ def test_fit_calibrates_where_the_default_is_wrong() -> None:
     assert isinstance(half, dict)
     assert half["ece_after"] < 0.06 < half["ece_before"]
     assert half["brier_after"] < half["brier_before"]
-    assert half["count"] == 2000
+    assert half["standing"] == 1000
     other = examples(ScoreModel(tuple(0.5 * s for s in SIGNS), 0.5), 4000, seed=1)
     assert reliability(found.model.score(other.features), other.right)["ece"] == pytest.approx(0, abs=0.05)
 
@@ -46,12 +48,33 @@ def test_a_default_that_is_true_stays() -> None:
 @pytest.mark.parametrize("label", [True, False])
 def test_too_few_of_a_kind_keep_the_default(label: bool) -> None:
     many = examples(ScoreModel(tuple(0.5 * s for s in SIGNS), 0.0), 2000)
-    alike = Examples(many.features, np.full(2000, label), many.frame)
-    found = fit(alike)
+    found = fit(replace(many, right=np.full(2000, label)))
     assert found.model is None and f"{LEAST} are needed" in found.reason
     assert found.record["right"] == (2000 if label else 0)
-    nothing = Examples(many.features[:0], many.right[:0], many.frame[:0])
-    assert fit(nothing).model is None
+    assert fit(many.select(np.zeros(2000, dtype=bool))).model is None
+    found = fit(replace(many, right=many.right | many.standing))
+    assert found.model is None and "wrong unrivalled" in found.reason
+
+
+def test_odds_are_those_of_the_standing_poses() -> None:
+    model = ScoreModel(tuple(0.5 * s for s in SIGNS), 0.0)
+    examined = examples(model, 4000)
+    easier = ScoreModel(tuple(0.7 * s for s in SIGNS), 1.5)
+    rng = np.random.default_rng(1)
+    odds = np.where(examined.standing, easier.score(examined.features), model.score(examined.features))
+    found = fit(replace(examined, right=rng.random(4000) < odds)).model
+    assert found is not None
+    standing = examined.features[examined.standing]
+    assert np.abs(found.score(standing) - easier.score(standing)).mean() < 0.04
+    assert np.abs(found.score(standing) - model.score(standing)).mean() > 0.08
+
+
+def test_rescaling_keeps_the_order() -> None:
+    many = examples(ScoreModel(tuple(0.5 * s for s in SIGNS), 0.0), 500)
+    model = ScoreModel(tuple(0.1 * s for s in SIGNS), 3.0)
+    rescaled = model.rescaled(many.features, many.right)
+    assert (np.argsort(rescaled.score(many.features)) == np.argsort(model.score(many.features))).all()
+    assert rescaled.score(many.features).mean() == pytest.approx(many.right.mean(), abs=0.01)
 
 
 def test_brier_score_is_least_at_the_true_probability() -> None:
@@ -82,6 +105,7 @@ def test_command_writes_a_model_that_perception_loads(
     assert f"{LEAST} are needed" in printed and "nothing written" in printed
     assert (own_bracket / "score.json").read_text() == "of an older version"
     monkeypatch.setattr("perception.fit_score.LEAST", 1)
+    monkeypatch.setattr("perception.fit_score.LEAST_STANDING", 0)
     (own_bracket / "score.json").unlink()
     code = main(["fit-score", "bracket", "--frames", "2"])
     assert "expected calibration error" in " ".join(capsys.readouterr().out.split())

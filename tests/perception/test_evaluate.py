@@ -46,7 +46,7 @@ def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFix
         instances = list(csv.DictReader(file))
     assert len(instances) == sum(len(heap) for heap in small_heaps()[:2])
     assert sum(row["count"] for row in data["recall_by_visibility"]) == len(instances)
-    assert data["calibration"]["examined"]["bins"]
+    assert data["calibration"]["standing"]["bins"]
     page = (here / "result" / "evaluation.html").read_text()
     assert f"{refined['f1_inst']:.2f}" in page and page.count("data:image/png;base64,") == 2 + 4
     assert "<script" not in page and 'src="http' not in page

@@ -88,13 +88,15 @@ class Categories:
 def cluster(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> tuple[Modes, Categories]:
     """Both stages and pose voting."""
     modes = find_modes(votes, shape, config)
-    return modes, vote(votes, modes, merge(modes, config), shape)
+    folded = shape.fold(modes.positions, modes.rotations, votes.middle)
+    return modes, vote(votes, modes, merge(modes, folded, config), shape)
 
 
 def find_modes(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Modes:
     """Stage 1: mean shift on position and rotation together."""
+    centres = shape.fold(votes.centres, votes.rotations, votes.middle)
     features = np.concatenate(
-        [votes.centres / config.position_bandwidth, shape.embed(votes.rotations) / config.rotation_bandwidth], axis=1
+        [centres / config.position_bandwidth, shape.embed(votes.rotations) / config.rotation_bandwidth], axis=1
     )
     peaks = mean_shift(evenly(features, config.sample), config.seeds, config.iterations)
     labels = _assign(features, peaks)
@@ -110,13 +112,13 @@ def find_modes(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Modes:
     return Modes(positions, nearest_rotations(sums.reshape(-1, 3, 3)), counts[order], labels)
 
 
-def merge(modes: Modes, config: ClusterConfig) -> Ints:
-    """Stage 2: category (k,) of each mode, -1 where a category has too few votes; numbered by falling votes."""
+def merge(modes: Modes, positions: Floats, config: ClusterConfig) -> Ints:
+    """Stage 2 on positions (k, 3): category (k,) of each mode, -1 where one has too few votes; by falling votes."""
     k = len(modes.counts)
     least = least_votes(config.min_votes, len(modes.labels))
     if k == 0 or not config.two_stage:
         return np.where(modes.counts >= least, np.arange(k), -1)
-    features = modes.positions / config.merge_bandwidth
+    features = positions / config.merge_bandwidth
     labels = _assign(features, mean_shift(features, k, config.iterations, modes.counts), limit=np.inf)
     counts = np.bincount(labels, weights=modes.counts)
     order = np.argsort(-counts, kind="stable")

@@ -24,9 +24,9 @@ from perception.scenes import VALIDATION_SEED, load_heaps
 from perception.weights import file_hash, weights_path
 
 HEAPS_FOLDER = Path("out") / "heaps"
-LEAST = 5 * len(FEATURES)
+LEAST = 25
 """Right and wrong poses that each half must hold: ten of each a weight in all (Peduzzi et al. 1996)."""
-LEAST_STANDING = 10
+LEAST_STANDING = 5
 """Of them, right and wrong ones among the standing poses of each half, which two parameters are fitted to."""
 
 

@@ -24,7 +24,8 @@ class HypothesisConfig(Config):
     max_places: int = Field(80, ge=1, description="places tried, those with most votes")
     votes_per_place: int = Field(8, ge=0, description="single predicted rotations tried at each place")
     near_symmetries: bool = Field(True, description="turn each hypothesis by the near symmetries of the CAD")
-    slides: int = Field(0, ge=0, description="shifts by 0.1 units each way along the long axis (slender parts)")
+    slide_reach: float = Field(0.25, ge=0, description="how far slender parts are shifted along their axis, in units")
+    slide_step: float = Field(0.05, gt=0, description="in units")
     keep: int = Field(6, ge=1, description="hypotheses of a place that go into coarse ICP")
     keep_after_coarse: int = Field(3, ge=1, description="hypotheses of a place that go into fine ICP")
     tolerance: float = Field(0.07, gt=0, description="of the score before ICP, in units")
@@ -69,26 +70,34 @@ class Places:
     of_mode: np.ndarray
 
 
-def find_places(votes: Votes, modes: Modes, categories: Categories, config: HypothesisConfig) -> Places:
+def find_places(
+    votes: Votes, modes: Modes, categories: Categories, shape: ShapeModel, config: HypothesisConfig
+) -> Places:
     """Categories, and peaks of position that are no category."""
     reach = config.place_bandwidth
+    centres = shape.fold(votes.centres, votes.rotations, votes.middle)
     positions = categories.positions
-    peaks = mean_shift(evenly(votes.centres, 1500) / reach, 512, 15) * reach
+    folded = shape.fold(positions, categories.rotations, votes.middle)
+    peaks = mean_shift(evenly(centres, 1500) / reach, 512, 15) * reach
     if len(peaks):
-        count = (_distances(votes.centres, peaks) < reach).sum(0)
+        near = _distances(centres, peaks) < reach
+        count = near.sum(0)
         new = count >= least_votes(config.min_votes_place, len(votes))
         if len(positions):
-            new &= _distances(positions, peaks).min(0) > 0.8 * reach
+            new &= _distances(folded, peaks).min(0) > 0.8 * reach
         best_first = np.flatnonzero(new)[np.argsort(-count[new], kind="stable")]
-        positions = np.concatenate([positions, peaks[best_first[: max(0, config.max_places - len(positions))]]])
+        added = best_first[: max(0, config.max_places - len(positions))]
+        means = [votes.centres[near[:, i]].mean(0) for i in added] if shape.slender else peaks[added]
+        positions = np.concatenate([positions, np.reshape(means, (-1, 3))])
+        folded = np.concatenate([folded, peaks[added]])
     if len(positions) == 0:
         none = np.zeros(0, dtype=np.int64)
         return Places(positions, none, np.full(len(votes), -1), np.full(len(modes.counts), -1))
-    gaps = _distances(votes.centres, positions)
+    gaps = _distances(centres, folded)
     of_vote = np.where(gaps.min(1) < 1.25 * reach, gaps.argmin(1), -1)
     of_mode = np.zeros(0, dtype=np.int64)
     if len(modes.counts):
-        gaps = _distances(modes.positions, positions)
+        gaps = _distances(shape.fold(modes.positions, modes.rotations, votes.middle), folded)
         of_mode = np.where(gaps.min(1) < 1.25 * reach, gaps.argmin(1), -1)
     return Places(positions, np.bincount(of_vote[of_vote >= 0], minlength=len(positions)), of_vote, of_mode)
 
@@ -104,16 +113,19 @@ def propose(
 ) -> Hypotheses:
     """All hypotheses of all places, scored against the depth image; the best few of each place."""
     R, t, place = _candidates(votes, modes, categories, places, config)
+    if shape.slender and votes.cad_coordinates is not None and shape.symmetry.infinite_axis is None:
+        R, t = gather(R, t, votes, shape)
     if config.near_symmetries:
         near = shape.near_symmetries
         R = np.einsum("hij,sjk->hsik", R, near).reshape(-1, 3, 3)
         t, place = np.repeat(t, len(near), axis=0), np.repeat(place, len(near))
-    R, t, place = _slide(R, t, place, shape, config.slides)
+    R, t, place = _slide(R, t, place, shape, config)
+    tolerance = config.tolerance * shape.fineness
     Rs, ts = torch.from_numpy(R.astype(np.float32)), torch.from_numpy(t.astype(np.float32))
-    scores = soft_score(Rs, ts, scene, shape, config.screen_points, config.tolerance).numpy()
+    scores = soft_score(Rs, ts, scene, shape, config.screen_points, tolerance).numpy()
     screened = Hypotheses(Rs, ts, place, scores)
     screened = screened.select(_top(place, scores, 4 * config.keep))
-    scores = soft_score(screened.rotations, screened.positions, scene, shape, config.points, config.tolerance).numpy()
+    scores = soft_score(screened.rotations, screened.positions, scene, shape, config.points, tolerance).numpy()
     scored = replace(screened, scores=scores)
     return scored.select(best_of_each_place(scored, shape, config.keep, config.apart))
 
@@ -193,17 +205,58 @@ def _candidates(
     return np.concatenate(R), np.concatenate(t), np.concatenate(place)
 
 
+GATHER_ROUNDS = (0.3, 0.2, 0.12, 0.08)
+"""Distances in units within which a predicted CAD coordinate belongs to a pose, one a round."""
+
+
+def gather(R: np.ndarray, t: np.ndarray, votes: Votes, shape: ShapeModel) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (h, 3, 3), (h, 3) fitted to the votes that agree with them, wherever on a slender part these lie.
+
+    The direction of a slender part comes from points far apart, not from any single vote: in each round the votes
+    whose CAD coordinates the pose carries near their points take part, at the symmetry that fits best. Errors along
+    the part, where predictions scatter, count less.
+    """
+    assert votes.cad_coordinates is not None
+    Rs, ts, points, cad, S, axis = (
+        torch.from_numpy(x.astype(np.float32))
+        for x in (R, t, votes.points, votes.cad_coordinates, shape.symmetry.S, shape.long_axis)
+    )
+    models = torch.einsum("sij,mj->smi", S, cad)
+    for reach in GATHER_ROUNDS:
+        in_part = torch.bmm(points[None] - ts[:, None], Rs)
+        square = torch.stack([_folded_square(in_part - model, axis, shape.length) for model in models])
+        least, which = square.min(0)
+        weight = (1 - least / reach**2).clamp_(min=0)
+        total = weight.sum(1).clamp(min=1e-6)
+        parts = [torch.where(which == s, weight, 0.0) for s in range(len(models))]
+        a = sum(w @ model for w, model in zip(parts, models, strict=True)) / total[:, None]
+        b = weight @ points / total[:, None]
+        cross = torch.zeros_like(Rs)
+        for w, model in zip(parts, models, strict=True):
+            away = (points[None] - b[:, None]) * w[..., None]
+            cross += torch.bmm(away.transpose(1, 2), model[None] - a[:, None])
+        fitted = torch.from_numpy(nearest_rotations(cross.numpy()))
+        enough = (weight > 0).sum(1) >= 8
+        Rs = torch.where(enough[:, None, None], fitted, Rs)
+        ts = torch.where(enough[:, None], b - (Rs @ a[..., None])[..., 0], ts)
+    return Rs.numpy().astype(np.float64), ts.numpy().astype(np.float64)
+
+
+def _folded_square(offset: torch.Tensor, axis: torch.Tensor, length: float) -> torch.Tensor:
+    return offset.square().sum(-1) - (offset @ axis).square() * (1 - 1 / length**2)
+
+
 def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(a[:, None] - b[None], axis=-1))
 
 
 def _slide(
-    R: np.ndarray, t: np.ndarray, place: np.ndarray, shape: ShapeModel, slides: int
+    R: np.ndarray, t: np.ndarray, place: np.ndarray, shape: ShapeModel, config: HypothesisConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if slides == 0:
+    """Hypotheses shifted along the axis of a slender part."""
+    if not shape.slender or config.slide_reach == 0:
         return R, t, place
-    steps = 0.1 * np.arange(-slides, slides + 1)
-    long_axis = shape.moment_root[:, np.linalg.norm(shape.moment_root, axis=0).argmax()]
-    long_axis = long_axis / np.linalg.norm(long_axis)
-    shifted = t[:, None] + steps[None, :, None] * (R @ long_axis)[:, None]
+    n = round(config.slide_reach / config.slide_step)
+    steps = config.slide_step * np.arange(-n, n + 1)
+    shifted = t[:, None] + steps[None, :, None] * (R @ shape.long_axis)[:, None]
     return np.repeat(R, len(steps), axis=0), shifted.reshape(-1, 3), np.repeat(place, len(steps))

@@ -8,7 +8,7 @@ one gather a point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -66,7 +66,9 @@ def register(
 ) -> tuple[Tensor, Tensor]:
     """Refine poses R (h, 3, 3), t (h, 3) in units; poses that see nothing stay where they are."""
     for stage in stages:
-        threshold = max(stage.threshold * scene.sigma, 0.006) if stage.in_sigmas else stage.threshold
+        fine = shape.fineness
+        least = 0.006 * fine
+        threshold = max(stage.threshold * scene.sigma, least) if stage.in_sigmas else stage.threshold * fine
         for _ in range(stage.iterations):
             R, t = _step(R, t, scene, shape, stage, threshold)
     return R, t
@@ -87,14 +89,14 @@ def _step(
     weight = (1.0 - (distance / threshold).square()).clamp_(min=0.0).square_()
     weight = weight * (inside & (measured[..., 2] > 0) & (facing > MIN_FACING))
     if stage.by_votes:
-        weight = weight * scene.membership(rows, t, VOTE_REACH, VOTE_FLOOR)
+        weight = weight * scene.membership(rows, shape, R, t, VOTE_REACH, VOTE_FLOOR)
     # d(distance) / d(twist) in the CAD frame: a turn w and a shift v of the part move the point by -(w x y + v)
     jacobian = torch.cat([torch.linalg.cross(points, gradient), gradient], -1)
     weighted = jacobian * weight[..., None]
     hessian = torch.bmm(weighted.transpose(1, 2), jacobian)
     slope = torch.bmm(weighted.transpose(1, 2), distance[..., None])
     if stage.rim > 0:
-        hessian_rim, slope_rim = _rim_terms(R, t, scene, shape, stage)
+        hessian_rim, slope_rim = _rim_terms(R, t, scene, shape, replace(stage, rim=stage.rim * shape.fineness))
         hessian, slope = hessian + hessian_rim, slope + slope_rim
     damping = torch.tensor([3e-3, 3e-3, 3e-3, 1e-2, 1e-2, 1e-2]) * stage.points * 0.05 + 1e-4
     twist = torch.linalg.solve(hessian + torch.diag(damping), slope)[..., 0]

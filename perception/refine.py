@@ -128,13 +128,15 @@ def _search(
     clock: _Clock,
 ) -> Claims:
     """Hypotheses from `votes`, registered to the depth image and examined."""
-    places = find_places(votes, modes, categories, search)
+    places = find_places(votes, modes, categories, shape, search)
     near = votes.select(places.of_vote >= 0)
     scene = scene.with_centres(near.points, near.centres)
     proposed = propose(votes, modes, categories, places, scene, shape, search)
     clock.lap("hypotheses")
     R, t = register(proposed.rotations, proposed.positions, scene, shape, COARSE)
-    coarse = replace(proposed, rotations=R, positions=t, scores=soft_score(R, t, scene, shape, 128, 0.03).numpy())
+    coarse = replace(
+        proposed, rotations=R, positions=t, scores=soft_score(R, t, scene, shape, 128, 0.03 * shape.fineness).numpy()
+    )
     kept = coarse.select(best_of_each_place(coarse, shape, search.keep_after_coarse, 0.03))
     kept = kept.select(distinct(kept.rotations, kept.positions, kept.scores, shape, 0.02))
     R, t = register(kept.rotations, kept.positions, scene, shape, FINE)

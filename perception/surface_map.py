@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from cell.camera import DepthFrame, Intrinsics
+from perception.shape_model import ShapeModel
 
 WINDOW = 2
 """Half width of the window of the plane fit in [pixel]."""
@@ -74,12 +75,18 @@ class SurfaceMap:
         table[:, 7] = torch.from_numpy(vote_of_label[flat])
         return replace(self, table=table, centres=torch.from_numpy(centres.astype(np.float32)))
 
-    def membership(self, rows: Tensor, t: Tensor, reach: float, floor: float) -> Tensor:
-        """Weight (h, p) of table rows (h, p, 8) for parts at t (h, 3): 1 where the nearest vote's centre is at t."""
+    def membership(self, rows: Tensor, shape: ShapeModel, R: Tensor, t: Tensor, reach: float, floor: float) -> Tensor:
+        """Weight (h, p) of table rows (h, p, 8) for poses R (h, 3, 3), t (h, 3): 1 where the nearest vote's centre is
+        at t; along a slender part it may be farther."""
         if len(self.centres) == 0:
             return torch.ones(rows.shape[:2])
         centre = self.centres.index_select(0, rows[..., 7].reshape(-1).long()).reshape(*rows.shape[:2], 3)
-        square = (centre - t[:, None]).square().sum(-1) / (reach * reach)
+        offset = centre - t[:, None]
+        square = offset.square().sum(-1)
+        if shape.slender:
+            along = (offset @ (R @ torch.from_numpy(shape.long_axis).float())[..., None])[..., 0].square()
+            square = square - along * (1 - 1 / shape.length**2)
+        square = square / (reach * reach)
         return (1.5 - square).clamp_(floor, 1.0)
 
     def pixels_of(self, points: Tensor) -> tuple[Tensor, Tensor]:

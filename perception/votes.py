@@ -26,6 +26,11 @@ class Votes:
     def __len__(self) -> int:
         return len(self.points)
 
+    @property
+    def middle(self) -> np.ndarray:
+        """Mean predicted centre (3,)."""
+        return np.asarray(self.centres.mean(0)) if len(self) else np.zeros(3)
+
     def select(self, index: np.ndarray) -> Votes:
         """The votes at `index` (indices or a mask)."""
         c = self.cad_coordinates

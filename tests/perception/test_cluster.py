@@ -105,5 +105,5 @@ def test_numbering_is_by_votes_and_consistent(bracket):
     modes = find_modes(votes, bracket, ClusterConfig())
     assert np.all(np.diff(modes.counts) <= 0)
     assert np.array_equal(np.bincount(modes.labels[modes.labels >= 0], minlength=len(modes.counts)), modes.counts)
-    of_mode = merge(modes, ClusterConfig())
+    of_mode = merge(modes, modes.positions, ClusterConfig())
     assert of_mode[0] == 0 and np.allclose(modes.positions[0], [1, 0, 15], atol=0.05)

@@ -55,7 +55,7 @@ def test_places_are_found_where_rotations_agree_on_nothing():
     votes = Votes(centres, centres, random_rotations(90, rng))
     shape = ShapeModel.of(load_workpiece("bracket"))
     modes, categories = cluster(votes, shape, ClusterConfig())
-    places = find_places(votes, modes, categories, HypothesisConfig())
+    places = find_places(votes, modes, categories, shape, HypothesisConfig())
     gaps = np.linalg.norm(places.positions[:, None] - truth, axis=-1)
     assert (gaps.min(0) < 0.05).all() and (gaps.min(1) < 0.15).all()
     assert (places.of_vote >= 0).mean() > 0.95
@@ -64,7 +64,7 @@ def test_places_are_found_where_rotations_agree_on_nothing():
 def test_no_votes_no_places():
     places = find_places(
         Votes(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3))),
-        Modes.none(0), Categories.none(), HypothesisConfig(),
+        Modes.none(0), Categories.none(), ShapeModel.of(load_workpiece("bracket")), HypothesisConfig(),
     )  # fmt: skip
     assert len(places.positions) == 0
 
@@ -78,7 +78,7 @@ def test_the_truth_is_among_the_hypotheses_of_weak_votes(cad):
         votes = Votes(votes.points, votes.centres, votes.rotations)
     surface = SurfaceMap.of(scene.frame, shape.unit, 1.2e-4)
     modes, categories = cluster(votes, shape, ClusterConfig())
-    places = find_places(votes, modes, categories, HypothesisConfig())
+    places = find_places(votes, modes, categories, shape, HypothesisConfig())
     found = propose(votes, modes, categories, places, surface, shape, HypothesisConfig())
     embedded = shape.embed(found.rotations.double().numpy())
     seen = scene.pixels > 0.5 * scene.pixels.max()

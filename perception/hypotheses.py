@@ -32,6 +32,14 @@ class HypothesisConfig(Config):
     points: int = Field(64, ge=8, description="CAD points of that score")
     screen_points: int = Field(20, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
     apart: float = Field(0.06, ge=0, description="two hypotheses of a place nearer than this, in units, are one")
+    slender: int = Field(2, ge=1, description="factor of votes_per_place, keep and keep_after_coarse on slender parts")
+
+    def of(self, shape: ShapeModel) -> HypothesisConfig:
+        """The settings for a workpiece."""
+        if not shape.slender:
+            return self
+        names = ("votes_per_place", "keep", "keep_after_coarse")
+        return self.model_copy(update={name: self.slender * getattr(self, name) for name in names})
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,8 @@ RIM_COARSE, RIM_STRIDE_COARSE = 0.1, 2
 RIM_DROP = 0.5
 """Step in depth that ends a surface, in thicknesses of the part."""
 RIM_WEIGHT = 0.3
+SLENDER_ITERATIONS = 2
+"""Factor of the iterations for slender parts, whose thresholds are tighter."""
 VOTE_REACH, VOTE_FLOOR = 0.25, 0.05
 MIN_FACING = 0.4
 """Least cosine between the measured normal and the gradient of the field."""
@@ -69,7 +71,7 @@ def register(
         fine = shape.fineness
         least = 0.006 * fine
         threshold = max(stage.threshold * scene.sigma, least) if stage.in_sigmas else stage.threshold * fine
-        for _ in range(stage.iterations):
+        for _ in range(stage.iterations * (SLENDER_ITERATIONS if shape.slender else 1)):
             R, t = _step(R, t, scene, shape, stage, threshold)
     return R, t
 

@@ -128,6 +128,7 @@ def _search(
     clock: _Clock,
 ) -> Claims:
     """Hypotheses from `votes`, registered to the depth image and examined."""
+    search = search.of(shape)
     places = find_places(votes, modes, categories, shape, search)
     near = votes.select(places.of_vote >= 0)
     scene = scene.with_centres(near.points, near.centres)

@@ -34,7 +34,7 @@ class VerifyConfig(Config):
     sigmas: float = Field(4.0, ge=0, description="the sensor's share, in standard deviations")
     min_ratio: float = Field(0.80, ge=0, le=1, description="least inliers / (inliers + violations)")
     min_visible: float = Field(0.15, ge=0, le=1, description="least confirmed share of the surface facing the camera")
-    min_score: float = Field(0.8, ge=0, le=1, description="least calibrated score")
+    min_score: float = Field(0.5, ge=0, le=1, description="least calibrated score: more likely right than wrong")
     points: int = Field(384, ge=32, description="CAD points compared")
     max_shared: float = Field(0.35, ge=0, le=1, description="most of its surface owned by better poses")
     max_overlap: float = Field(0.05, ge=0, le=1, description="most of its surface deep inside a better pose")

@@ -20,7 +20,7 @@ from cell.sensor import measure
 from cell.workpiece import Workpiece, load_workpiece
 from perception.cloud import Cloud, roi_mask, scene_cloud
 from perception.loss import Target, centre_distance_weights
-from perception.sampling import Graph, build_graph
+from perception.sampling import Graph, build_graph, top_neighbours
 from perception.scenes import View, heap_bin, random_view, render_heap
 
 Samples = Generator["Sample", None, None]
@@ -63,7 +63,7 @@ def make_sample(workpiece: Workpiece, poses: Array, view: View, rng: np.random.G
     exact = render_heap(workpiece, poses, view)
     frame = measure(exact, view.intrinsics, view.T_world_camera, view.sensor, rng, workpiece.optics)
     cloud = scene_cloud(frame, roi_mask(frame, heap_bin(workpiece)), workpiece.unit)
-    graph = build_graph(cloud, rng)
+    graph = build_graph(cloud, rng, top_neighbours(workpiece))
     if graph is None:
         return None
     return label(graph, cloud, exact.ids, invert(view.T_world_camera) @ poses)

@@ -17,7 +17,7 @@ from perception.cloud import Cloud, roi_mask, scene_cloud
 from perception.network import Ps6d, pack
 from perception.pose_estimate import PoseEstimate
 from perception.refine import RefineConfig, RefineResult, refine
-from perception.sampling import build_levels, input_points
+from perception.sampling import build_levels, input_points, top_neighbours
 from perception.shape_model import ShapeModel
 from perception.votes import Votes
 from perception.weights import load_weights, weights_path
@@ -72,7 +72,7 @@ class Perception:
         level0 = input_points(cloud, rng)
         if level0 is None:
             return None
-        graphs = [build_levels(level0, rng) for _ in range(self.passes)]
+        graphs = [build_levels(level0, rng, top_neighbours(self.workpiece)) for _ in range(self.passes)]
         prediction = self.network(pack(graphs))
         origin = cloud.origin / cloud.unit
         points = np.concatenate([g.levels[0].points for g in graphs])

@@ -6,12 +6,14 @@ same for a full and for a nearly empty bin. All of it is done with kd-trees outs
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from cell.frames import Array
+from cell.workpiece import Workpiece
 from perception.cloud import Cloud
 
 VOXELS = (0.03, 0.09, 0.19, 0.4)
@@ -37,7 +39,7 @@ class Level:
         points: (n, 3) in units.
         frames: (n, 3, 3), columns are the x, y, z axes of each point's local frame.
         down: (n, K_SET) neighbours in the level below.
-        block: (n, K_BLOCK) neighbours in this level.
+        block: (n, K_BLOCK) neighbours in this level; more in the last one for a slender workpiece.
         up: (n_below, K_UP) neighbours in this level of each point of the level below; empty for level 1.
         up_weights: (n_below, K_UP) inverse-distance weights that sum to 1.
     """
@@ -175,14 +177,19 @@ def input_points(cloud: Cloud, rng: np.random.Generator) -> InputPoints | None:
     return InputPoints(source, points, normals, view, tree)
 
 
-def build_graph(cloud: Cloud, rng: np.random.Generator) -> Graph | None:
+def build_graph(cloud: Cloud, rng: np.random.Generator, top: int = K_BLOCK) -> Graph | None:
     """Sample all levels of a cloud; None when it has too few points to hold a workpiece."""
     level0 = input_points(cloud, rng)
-    return None if level0 is None else build_levels(level0, rng)
+    return None if level0 is None else build_levels(level0, rng, top)
 
 
-def build_levels(level0: InputPoints, rng: np.random.Generator) -> Graph:
-    """Sample levels 1 to 3 over the input points, and find all neighbours."""
+def top_neighbours(workpiece: Workpiece) -> int:
+    """Neighbours in the blocks of the last level: more for a longer workpiece, so that one end sees the other."""
+    return K_BLOCK * math.ceil(float(workpiece.extents.max()) / workpiece.unit - 1e-6)
+
+
+def build_levels(level0: InputPoints, rng: np.random.Generator, top: int = K_BLOCK) -> Graph:
+    """Sample levels 1 to 3 over the input points, and find all neighbours, `top` of them in the last level."""
     points, normals, tree0 = level0.points, level0.normals, level0.tree
     members = [np.arange(len(points))]
     for voxel in VOXELS[1:]:
@@ -194,7 +201,7 @@ def build_levels(level0: InputPoints, rng: np.random.Generator) -> Graph:
     frames = np.zeros((len(points), 3, 3))
     frames[members[1]] = local_frames(points, normals, members[1], tree0)
     trees = [tree0] + [cKDTree(points[m]) for m in members[1:]]
-    levels = [_level(i, points, frames, members, trees) for i in (1, 2, 3)]
+    levels = [_level(i, points, frames, members, trees, top if i == 3 else K_BLOCK) for i in (1, 2, 3)]
     return Graph(
         points.astype(np.float32),
         normals.astype(np.float32),
@@ -204,7 +211,9 @@ def build_levels(level0: InputPoints, rng: np.random.Generator) -> Graph:
     )
 
 
-def _level(i: int, points: Array, frames: Array, members: list[np.ndarray], trees: list[cKDTree]) -> Level:
+def _level(
+    i: int, points: Array, frames: Array, members: list[np.ndarray], trees: list[cKDTree], k: int
+) -> Level:
     here = points[members[i]]
     up, weights = np.zeros((0, K_UP), np.int64), np.zeros((0, K_UP))
     if i > 1:
@@ -215,7 +224,7 @@ def _level(i: int, points: Array, frames: Array, members: list[np.ndarray], tree
         here.astype(np.float32),
         frames[members[i]].astype(np.float32),
         neighbours(trees[i - 1], here, K_SET)[1].astype(np.int64),
-        neighbours(trees[i], here, K_BLOCK)[1].astype(np.int64),
+        neighbours(trees[i], here, k)[1].astype(np.int64),
         up.astype(np.int64),
         weights.astype(np.float32),
     )

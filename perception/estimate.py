@@ -19,6 +19,7 @@ from perception.pose_estimate import PoseEstimate
 from perception.refine import RefineConfig, RefineResult, refine
 from perception.sampling import build_levels, input_points, top_neighbours
 from perception.shape_model import ShapeModel
+from perception.variants import cluster_config
 from perception.votes import Votes
 from perception.weights import load_weights, weights_path
 
@@ -52,7 +53,9 @@ class Perception:
         ShapeModel.of(workpiece)  # built once a process: some seconds that belong to no frame
         network = load_weights(weights or weights_path(workpiece), workpiece)
         score_model = shipped_score_model(workpiece) if calibrated else None
-        return Perception(workpiece, network, config or RefineConfig.model_validate({}), score_model)
+        config = config or RefineConfig.model_validate({})
+        config = config.model_copy(update={"cluster": cluster_config(network.config, config.cluster)})
+        return Perception(workpiece, network, config, score_model)
 
     def perceive(self, frame: DepthFrame, bin: Bin, rng: np.random.Generator) -> RefineResult:
         """Verified estimates and the network's raw poses; `rng` chooses the voting points."""
@@ -81,6 +84,7 @@ class Perception:
             prediction.centres.numpy() + origin,
             prediction.rotations.numpy().astype(np.float64),
             prediction.cad.numpy() if prediction.cad is not None else None,
+            prediction.confidence.sigmoid().numpy() if prediction.confidence is not None else None,
         )
 
 

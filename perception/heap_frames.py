@@ -95,7 +95,7 @@ def perceive_heaps(setup: Setup, heaps: list[Array], workers: int = 1) -> Iterat
         for index, poses in enumerate(heaps):
             yield perceive_heap(perception, poses, setup.sensor, np.random.default_rng((setup.seed, index)))
         return
-    with _single_threaded_children():
+    with single_threaded_children():
         pool = ProcessPoolExecutor(min(workers, len(heaps)), mp_context=get_context("spawn"))
         try:
             yield from pool.map(_perceive, repeat(setup), range(len(heaps)), heaps)
@@ -125,7 +125,7 @@ def _perceive(setup: Setup, index: int, poses: Array) -> HeapFrame:
 
 
 @contextmanager
-def _single_threaded_children() -> Iterator[None]:
+def single_threaded_children() -> Iterator[None]:
     """Processes started meanwhile use one thread each: their libraries read the environment at import."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))

@@ -16,12 +16,14 @@ class Votes:
         centres: (m, 3) predicted positions t of the CAD origin.
         rotations: (m, 3, 3) predicted rotations, camera from CAD.
         cad_coordinates: (m, 3) predicted R^T (p - t), or None.
+        confidence: (m,) in [0, 1], or None without that head.
     """
 
     points: np.ndarray
     centres: np.ndarray
     rotations: np.ndarray
     cad_coordinates: np.ndarray | None = None
+    confidence: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -33,8 +35,8 @@ class Votes:
 
     def select(self, index: np.ndarray) -> Votes:
         """The votes at `index` (indices or a mask)."""
-        c = self.cad_coordinates
-        return Votes(self.points[index], self.centres[index], self.rotations[index], None if c is None else c[index])
+        cad, sure = (None if x is None else x[index] for x in (self.cad_coordinates, self.confidence))
+        return Votes(self.points[index], self.centres[index], self.rotations[index], cad, sure)
 
     def finite(self) -> Votes:
         """The votes without any NaN or infinity (a broken network must not stop a cell)."""
@@ -42,4 +44,6 @@ class Votes:
         ok &= np.isfinite(self.rotations).all((1, 2))
         if self.cad_coordinates is not None:
             ok &= np.isfinite(self.cad_coordinates).all(1)
+        if self.confidence is not None:
+            ok &= np.isfinite(self.confidence)
         return self.select(ok)

@@ -75,6 +75,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
+    benchmark = commands.add_parser("benchmark", help="compare perception with its peers and ablations")
     fit_score = commands.add_parser("fit-score", help="calibrate a workpiece's score on validation scenes")
     if "train" in words[:1]:
         from perception.train import add_arguments as add_train_arguments
@@ -84,12 +85,17 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         from perception.evaluate import add_arguments as add_evaluate_arguments
 
         add_evaluate_arguments(evaluate)
+    if "benchmark" in words[:1]:
+        from perception.benchmark import add_arguments as add_benchmark_arguments
+
+        add_benchmark_arguments(benchmark)
     if "fit-score" in words[:1]:
         from perception.fit_score import add_arguments as add_fit_score_arguments
 
         add_fit_score_arguments(fit_score)
     train.set_defaults(command=_train)
     evaluate.set_defaults(command=_evaluate)
+    benchmark.set_defaults(command=_benchmark)
     fit_score.set_defaults(command=_fit_score)
 
     listing = commands.add_parser("list", help="list scenarios and workpieces")
@@ -179,6 +185,12 @@ def _evaluate(args: argparse.Namespace) -> int:
     from perception.evaluate import main_evaluate
 
     return main_evaluate(args)
+
+
+def _benchmark(args: argparse.Namespace) -> int:
+    from perception.benchmark import main_benchmark
+
+    return main_benchmark(args)
 
 
 def _fit_score(args: argparse.Namespace) -> int:

@@ -137,10 +137,12 @@ def measure_stages(setup: Setup, heaps: list[Array]) -> dict[str, object] | None
 def stages_of(setup: Setup, indices: list[int], heaps: list[Array]) -> dict[str, object]:
     """`measure_stages` in this process, over heaps of these indices."""
     perception = setup.load()
-    seen = [
-        perceive_heap(perception, poses, setup.sensor, np.random.default_rng((setup.seed, i)))
-        for i, poses in zip(indices, heaps, strict=True)
-    ]
+
+    def see(i: int, poses: Array) -> HeapFrame:
+        return perceive_heap(perception, poses, setup.sensor, np.random.default_rng((setup.seed, i)))
+
+    see(indices[0], heaps[0])  # the first frame of a process warms up
+    seen = [see(i, poses) for i, poses in zip(indices, heaps, strict=True)]
     names = dict.fromkeys(stage for s in seen for stage in s.result.seconds)
     seconds = {name: float(np.mean([s.result.seconds.get(name, 0.0) for s in seen])) for name in names}
     return {
@@ -165,7 +167,7 @@ def _forward(perception: Perception, seen: list[HeapFrame], rng: np.random.Gener
     level0 = large[0] if large else max(sampled, key=lambda level0: len(level0.points))
     packed = pack([build_levels(level0, rng, top_neighbours(workpiece))])
     times = []
-    for _ in range(FORWARD_REPEATS + 1):  # the first call warms up
+    for _ in range(FORWARD_REPEATS + 1):  # the first does not count
         clock = time.perf_counter()
         perception.network(packed)
         times.append(time.perf_counter() - clock)

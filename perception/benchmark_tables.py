@@ -48,11 +48,17 @@ def stage_cells(stages: dict[str, dict[str, Any]]) -> list[list[str]]:
     """Cells of the table of stages: workpiece, stage, milliseconds."""
     cells = []
     for workpiece, of_one in stages.items():
-        about = f"{workpiece}, {of_one['frames']} frames, {of_one['parts']:.1f} parts"
+        about = f"{workpiece}, {of_one['parts']:.1f} parts, mean of {of_one['frames']}"
         cells += [[about, stage, f"{1000 * s:.1f}"] for stage, s in of_one["seconds"].items()]
         if (forward := of_one["forward"]) is not None:
             about = f"{workpiece}, {forward['input_points']} input points, {forward['voting_points']} voting points"
-            cells.append([about, "forward pass alone, median", f"{1000 * forward['median_seconds']:.1f}"])
+            cells.append(
+                [
+                    about,
+                    f"forward pass alone, median of {forward['repeats']}",
+                    f"{1000 * forward['median_seconds']:.1f}",
+                ]
+            )
     return cells
 
 

@@ -27,6 +27,8 @@ from perception.scenes import HELD_OUT_SEED, load_heaps
 from perception.weights import file_hash, weights_record
 
 FILE = "benchmark.json"
+NOTHING: dict[str, Any] = {"workpieces": {}, "ablations": {}}
+"""What benchmark.json holds before any run."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def main_benchmark(args: argparse.Namespace) -> int:
     _check(args)
     sensor = SensorConfig()
     path = args.out / FILE
-    earlier = _read(path) if args.resume else {"workpieces": {}}
+    earlier = _earlier(path) if args.resume else NOTHING
     names = list(dict.fromkeys([*(args.workpieces or list_workpieces()), *earlier["workpieces"]]))
     plans = [_plan(args, load_workpiece(name)) for name in names]
     missing = [entry for plan in plans for entry in _missing(plan)]
@@ -224,14 +226,16 @@ def _settings(method: Method, workpiece: Workpiece, sensor: SensorConfig) -> str
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _earlier(path: Path) -> dict[str, Any]:
     """An earlier benchmark.json; nothing where there is none."""
     if not path.is_file():
-        return {"workpieces": {}, "ablations": {}}
+        return NOTHING
     try:
-        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(path, "", str(error), "a file of `pickproof benchmark`; delete it to start anew") from None
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        data = None
+    if not isinstance(data, dict) or not all(isinstance(data.get(table), dict) for table in NOTHING):
+        raise InputError(path, "", "a damaged file", "a file of `pickproof benchmark`; delete it to start anew")
     return data
 
 
@@ -261,7 +265,7 @@ def _measure(plan: Plan, args: argparse.Namespace, sensor: SensorConfig, results
     heaps = load_heaps(
         workpiece, HELD_OUT_SEED, count, HEAPS_FOLDER, args.workers, lambda n: bar.update(settling, completed=n)
     )
-    seeing = bar.add_task(f"{workpiece.name}: {', '.join(r for m in due for r in m.rows)}", total=count)
+    seeing = bar.add_task(f"{workpiece.name}: measuring", total=count)
     job = Job(workpiece.name, tuple(due), sensor)
     measured = measure_rows(job, heaps, args.workers, lambda: bar.advance(seeing))
     for method in plan.methods:

@@ -181,14 +181,14 @@ def _forward(perception: Perception, seen: list[HeapFrame], rng: np.random.Gener
 
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes of one thread; an interruption reaches the parent alone, which lets them end their frame."""
+    """Processes of one thread, which an interruption from the terminal ends without a word."""
     with single_threaded_children():
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _ignore_interruption)
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _end_when_interrupted)
         try:
             yield pool
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def _ignore_interruption() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _end_when_interrupted() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

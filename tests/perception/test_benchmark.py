@@ -14,6 +14,7 @@ import torch
 
 from cell.errors import InputError
 from cell.sensor import SensorConfig
+from cell.workpiece import Workpiece, load_workpiece
 from perception import benchmark
 from perception.benchmark_frames import Job, Row, RowFrame, figures, measure_heap, stages_of
 from perception.benchmark_methods import ABLATIONS, METHODS, Method, methods_of
@@ -37,10 +38,11 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def untrained(path: Path, variant: str) -> None:
+def untrained(path: Path, variant: str, workpiece: Workpiece | None = None) -> None:
+    workpiece = workpiece or bracket()
     torch.manual_seed(0)
-    config = replace(network_config(variant, bracket()), channels=(8, 12, 16), features=16)
-    save_weights(path, Ps6d(config), bracket(), {"command": "none"})
+    config = replace(network_config(variant, workpiece), channels=(8, 12, 16), features=16)
+    save_weights(path, Ps6d(config), workpiece, {"command": "none"})
 
 
 def methods(here: Path, ppf_frames: int = 1) -> list[Method]:
@@ -182,6 +184,19 @@ def test_ablations_are_those_of_the_paper_and_ours() -> None:
     assert not any(m.calibrated for m in table if m is not single)
 
 
+def test_ablations_are_resumed_too(here: Path) -> None:
+    part = load_workpiece("ps6d_24")
+    file = here / "variants" / "ps6d_24" / "no_cad_head.safetensors"
+    untrained(file, "no_cad_head", part)
+    plan = benchmark._plan(parsed("--ablations", "--variants-folder", str(here / "variants")), part)
+    assert ("ablations", "no_cad_head_refined") in plan.asked
+    assert benchmark._known(benchmark.NOTHING, plan, SensorConfig()) == {}
+    settings = benchmark._settings(plan.methods[-1], part, SensorConfig())
+    assert plan.methods[-1].weights == file
+    earlier = {"workpieces": {}, "ablations": {"ps6d_24": {"no_cad_head_refined": {"settings": settings}}}}
+    assert set(benchmark._known(earlier, plan, SensorConfig())) == {("ablations", "no_cad_head_refined")}
+
+
 def test_weights_of_another_variant_are_refused(here: Path) -> None:
     untrained(here / "variants" / "bracket" / "ppr_net_pp.safetensors", "no_cad_head")
     with pytest.raises(InputError, match="variant: 'no_cad_head' is not valid; expected ppr_net_pp"):
@@ -206,8 +221,9 @@ def test_bad_input_is_named(here: Path, words: list[str], names: list[str], caps
     assert all(name in error for name in names)
 
 
-def test_a_damaged_result_is_named(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (here / "benchmark.json").write_text("{")
+@pytest.mark.parametrize("text", ["{", "[]", '{"workpieces": 3}'])
+def test_a_damaged_result_is_named(here: Path, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "benchmark.json").write_text(text)
     assert main(["benchmark", "perception", "bracket", "--resume", "--out", "."]) == 2
     assert "benchmark.json" in capsys.readouterr().err
 

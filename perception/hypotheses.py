@@ -27,7 +27,7 @@ class HypothesisConfig(Config):
     slide_reach: float = Field(0.25, ge=0, description="how far slender parts are shifted along their axis, in units")
     slide_step: float = Field(0.05, gt=0, description="in units")
     keep: int = Field(6, ge=1, description="hypotheses of a place that go into coarse ICP")
-    keep_after_coarse: int = Field(3, ge=1, description="hypotheses of a place that go into fine ICP")
+    keep_after_coarse: int = Field(2, ge=1, description="hypotheses of a place that go into fine ICP")
     tolerance: float = Field(0.07, gt=0, description="of the score before ICP, in units")
     points: int = Field(64, ge=8, description="CAD points of that score")
     screen_points: int = Field(20, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")

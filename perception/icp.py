@@ -41,8 +41,8 @@ class IcpStage:
 
 
 COARSE = (
-    IcpStage(0.12, 3, 128, halo=True, by_votes=True, rim=0.12),
-    IcpStage(0.06, 3, 128, halo=True, by_votes=True, rim=0.12),
+    IcpStage(0.12, 2, 128, halo=True, by_votes=True, rim=0.12),
+    IcpStage(0.06, 2, 128, halo=True, by_votes=True, rim=0.12),
 )
 FINE = (IcpStage(0.05, 3, 192, halo=True, by_votes=True, rim=0.08), IcpStage(0.03, 3, 192, rim=0.05))
 LAST = (
@@ -56,7 +56,7 @@ RIM_COARSE, RIM_STRIDE_COARSE = 0.1, 2
 RIM_DROP = 0.5
 """Step in depth that ends a surface, in thicknesses of the part."""
 RIM_WEIGHT = 0.3
-SLENDER_ITERATIONS = 2
+SLENDER_ITERATIONS = 3
 """Factor of the iterations for slender parts, whose thresholds are tighter."""
 VOTE_REACH, VOTE_FLOOR = 0.25, 0.05
 MIN_FACING = 0.4

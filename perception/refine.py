@@ -33,7 +33,7 @@ class RefineConfig(Config):
     hypotheses: HypothesisConfig = HypothesisConfig()
     verify: VerifyConfig = VerifyConfig()
     second_round: bool = Field(True, description="search again among the votes that no accepted pose explains")
-    hypotheses_second: HypothesisConfig = HypothesisConfig(votes_per_place=24, keep=8, max_places=10, min_votes_place=5)
+    hypotheses_second: HypothesisConfig = HypothesisConfig(votes_per_place=24, keep=4, max_places=8, min_votes_place=5)
     depth_sigma: float = Field(1.2e-4, ge=0, description="[m] standard deviation of a measured depth")
 
 

@@ -26,7 +26,7 @@ from perception.weights import file_hash, weights_path
 HEAPS_FOLDER = Path("out") / "heaps"
 LEAST = 25
 """Right and wrong poses that each half must hold; signs and ridge keep weights that so few cannot support near 0."""
-LEAST_STANDING = 5
+LEAST_STANDING = 3
 """Of them, right and wrong ones among the standing poses of each half, which two parameters are fitted to."""
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,16 +16,20 @@ import trimesh
 from torch import Tensor
 
 from cell.frames import Array
+from cell.raycast import make_caster
 from cell.symmetry import Symmetry
 from cell.workpiece import Workpiece
 from perception.distance_field import DistanceField
 from perception.outline import outlines
 
 VIEWS = 192
-VISIBLE_POINTS = 384
+SURFACE_POINTS, VISIBLE_POINTS = 1500, 384
+"""For each unit of the part's length, begun ones counted whole."""
+OFF_SURFACE = 1e-3
+"""Start of a ray of the self-occlusion test over its surface."""
 RIM_SAMPLES = 20_000
 MAX_NEAR_SYMMETRIES = 8
-SLENDER, THIN = 1.1, 0.1
+SLENDER, THIN = 1.1, 0.15
 HALO = 0.12
 """Width of the band around the outline from which scene points are drawn while a pose is still coarse."""
 
@@ -35,6 +40,7 @@ class ShapeModel:
 
     Attributes:
         unit: [m] of 1.
+        density: units of length of the part, begun ones counted whole: 1 but for slender parts.
         points, normals: (n, 3) uniform surface samples.
         moment_root: (3, 3) C with C C^T = E[x x^T] of the v-masked surface: |R1 C - R2 C| is the root mean square
             distance of the surface in two poses of equal position (Bregier et al. 2018, eq. 9).
@@ -52,6 +58,7 @@ class ShapeModel:
     """
 
     unit: float
+    density: int
     points: Array
     normals: Array
     moment_root: Array
@@ -131,15 +138,17 @@ def _build(key: _Key) -> ShapeModel:
     workpiece = key.workpiece
     unit = workpiece.unit
     mesh = trimesh.Trimesh(workpiece.vertices / unit, workpiece.faces, process=False)
-    points, normals = workpiece.sample_surface(1500)
+    density = max(1, math.ceil(float(workpiece.extents.max()) / unit - 1e-6))
+    points, normals = workpiece.sample_surface(SURFACE_POINTS * density)
     points = points / unit
     field = DistanceField.of(mesh)
     views = fibonacci_sphere(VIEWS)
-    visible, visible_normals, halo, area = _visible_sets(points, normals, mesh.area, field, views)
+    visible, visible_normals, halo, area = _visible_sets(mesh, points, normals, VISIBLE_POINTS * density, views)
     rim, rim_outward = outlines(workpiece.sample_surface(RIM_SAMPLES)[0] / unit, views)
     nodes = field.table[:, 0] + (field.nodes() * field.table[:, 1:]).sum(1)
     return ShapeModel(
         unit=unit,
+        density=density,
         points=points,
         normals=normals,
         moment_root=moment_root(points, workpiece.symmetry.v),
@@ -207,30 +216,25 @@ def fibonacci_sphere(n: int) -> Array:
 
 
 def _visible_sets(
-    points: Array, normals: Array, surface: float, field: DistanceField, views: Array
+    mesh: trimesh.Trimesh, points: Array, normals: Array, count: int, views: Array
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     rng = np.random.default_rng(0)
-    reach = float(np.linalg.norm(np.ptp(points, axis=0)))
-    start = 2.5 * field.step
-    marches = torch.arange(start, reach, 0.75 * field.step)
-    p = torch.from_numpy(points.astype(np.float32))
+    caster = make_caster(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     visible, facing, halo, area = [], [], [], []
     for view in views:
         cos = normals @ view
         candidates = np.flatnonzero(cos > 0.02)
-        d = torch.from_numpy(view.astype(np.float32))
-        # a ray towards the camera that enters the solid is blocked by the part itself
-        along = p[candidates][:, None] + marches[None, :, None] * d
-        blocked = (field.look_up(along)[0] < -0.3 * field.step).any(1).numpy()
-        seen = candidates[~blocked]
+        # a ray towards the camera that meets the part again is blocked by it
+        hits = caster.cast(points[candidates] + OFF_SURFACE * normals[candidates], np.tile(view, (len(candidates), 1)))
+        seen = candidates[~np.isfinite(hits.t)]
         weight = cos[seen]
-        pick = seen[rng.choice(len(seen), VISIBLE_POINTS, p=weight / weight.sum())]
-        side = rng.standard_normal((VISIBLE_POINTS, 3))
+        pick = seen[rng.choice(len(seen), count, p=weight / weight.sum())]
+        side = rng.standard_normal((count, 3))
         side -= (side @ view)[:, None] * view
-        side *= (HALO * np.sqrt(rng.random(VISIBLE_POINTS)) / np.linalg.norm(side, axis=1))[:, None]
+        side *= (HALO * np.sqrt(rng.random(count)) / np.linalg.norm(side, axis=1))[:, None]
         visible.append(points[pick])
         facing.append(normals[pick])
         halo.append(points[pick] + side)
-        area.append(weight.sum() * surface / len(points))
+        area.append(weight.sum() * mesh.area / len(points))
     stack = [torch.from_numpy(np.stack(x).astype(np.float32)) for x in (visible, facing, halo)]
     return stack[0], stack[1], stack[2], torch.tensor(area, dtype=torch.float32)

@@ -35,7 +35,7 @@ class VerifyConfig(Config):
     min_ratio: float = Field(0.80, ge=0, le=1, description="least inliers / (inliers + violations)")
     min_visible: float = Field(0.15, ge=0, le=1, description="least confirmed share of the surface facing the camera")
     min_score: float = Field(0.5, ge=0, le=1, description="least calibrated score: more likely right than wrong")
-    points: int = Field(384, ge=32, description="CAD points compared")
+    points: int = Field(384, ge=32, description="CAD points compared, for each unit of the part's length")
     max_shared: float = Field(0.35, ge=0, le=1, description="most of its surface owned by better poses")
     max_overlap: float = Field(0.05, ge=0, le=1, description="most of its surface deep inside a better pose")
     overlap_depth: float = Field(0.15, gt=0, description="what deep means, in thicknesses of the part")
@@ -145,14 +145,14 @@ def examine(
     """
     tolerance = inlier_tolerance(scene, config)
     n_votes, centres_agree, rotations_agree = _support(R, t, shape, 2 * tolerance, votes)
-    a = compare(R, t, scene, shape, config.points // every)
+    a = compare(R, t, scene, shape, shape.density * config.points // every)
     claimed = a.facing_camera.sum(1).clamp(min=1).double()
     on = a.measured & (a.distance.abs() < tolerance) & a.facing_camera
     turned = on & a.known_normal & (a.facing < 0.5)
     inlier = on & ~turned
     through = a.facing_camera & ~on & (a.gap > tolerance)
     hidden = a.facing_camera & ~on & (a.in_front > tolerance)
-    band = compare(R, t, scene, shape, config.points // (2 * every), halo=True)
+    band = compare(R, t, scene, shape, shape.density * config.points // (2 * every), halo=True)
     beside = band.measured & (band.distance > 2 * tolerance) & (band.distance < 0.05) & (band.in_front.abs() < 0.05)
 
     def share(mask: Tensor) -> Floats:

@@ -33,6 +33,7 @@ SIGNS = (-1, -1, 1, 1, -1, -1, -1, -1, 1, 1, 1)
 """Whether a feature speaks for a pose or against it."""
 
 SCHEMA = 1
+FITTED_THRESHOLD = 0.5
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,13 @@ class ScoreModel:
     Attributes:
         weights: one a feature, in the order of FEATURES.
         bias: the constant.
+        threshold: least score of a pose that is believed. 0.5, more likely right than wrong, where the scores were
+            fitted to the workpiece; more where they were not.
     """
 
     weights: tuple[float, ...] = (-19.64, -4.261, 1.324, 0.3903, -3.164, -129, -11.99, 0, 0.6269, 1.782, 2.562)
     bias: float = 4.173
+    threshold: float = 0.8
 
     def score(self, features: Floats) -> Floats:
         """Scores (h,) in [0, 1] of features (h, len(FEATURES))."""
@@ -70,7 +74,7 @@ class ScoreModel:
         bounds = [(0.0, None) if sign > 0 else (None, 0.0) for sign in SIGNS] + [(None, None)]
         w = minimize(loss, np.zeros(X.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
         weights = w[:-1] / spread
-        return ScoreModel(tuple(float(x) for x in weights), float(w[-1] - mean @ weights))
+        return ScoreModel(tuple(float(x) for x in weights), float(w[-1] - mean @ weights), FITTED_THRESHOLD)
 
     def rescaled(self, features: Floats, right: np.ndarray) -> ScoreModel:
         """The same order of poses with the odds of others, (n, len(FEATURES)) and (n,) bool (Platt 1999)."""
@@ -83,11 +87,13 @@ class ScoreModel:
             return float(np.logaddexp(0.0, s).sum() - y @ s)
 
         slope, shift = minimize(loss, np.array([1.0, 0.0]), method="L-BFGS-B", bounds=[(1e-3, None), (None, None)]).x
-        return ScoreModel(tuple(float(slope * w) for w in self.weights), float(slope * self.bias + shift))
+        weights = tuple(float(slope * w) for w in self.weights)
+        return ScoreModel(weights, float(slope * self.bias + shift), FITTED_THRESHOLD)
 
     def save(self, path: Path, record: dict[str, object] | None = None) -> None:
         """Write as JSON; `record` says how the model was made."""
         data = {"schema": SCHEMA, "weights": dict(zip(FEATURES, self.weights, strict=True)), "bias": self.bias}
+        data["threshold"] = self.threshold
         part = path.with_suffix(".part")
         part.write_text(json.dumps(data | {"record": record or {}}, indent=1) + "\n", encoding="utf-8")
         part.replace(path)
@@ -103,12 +109,13 @@ class ScoreModel:
             data = json.loads(path.read_text(encoding="utf-8"))
             weights = tuple(float(data["weights"][name]) for name in FEATURES)
             bias = float(data["bias"])
+            threshold = float(data.get("threshold", FITTED_THRESHOLD))
         except (OSError, ValueError, KeyError, TypeError) as error:
             valid = f"numbers for bias and {', '.join(FEATURES)}, as `pickproof fit-score` writes them"
             raise InputError(path, "weights", repr(error), valid) from None
         if data.get("schema") != SCHEMA:
             raise InputError(path, "schema", data.get("schema"), str(SCHEMA))
-        return ScoreModel(weights, bias)
+        return ScoreModel(weights, bias, threshold)
 
 
 def score_path(workpiece: Workpiece) -> Path:

@@ -26,6 +26,9 @@ class HypothesisConfig(Config):
     near_symmetries: bool = Field(True, description="turn each hypothesis by the near symmetries of the CAD")
     slide_reach: float = Field(0.25, ge=0, description="how far slender parts are shifted along their axis, in units")
     slide_step: float = Field(0.05, gt=0, description="in units")
+    gather_votes: int = Field(
+        500, ge=8, description="votes, evenly spaced, to which hypotheses of compact parts are fitted"
+    )
     keep: int = Field(6, ge=1, description="hypotheses of a place that go into coarse ICP")
     keep_after_coarse: int = Field(2, ge=1, description="hypotheses of a place that go into fine ICP")
     tolerance: float = Field(0.07, gt=0, description="of the score before ICP, in units")
@@ -121,8 +124,14 @@ def propose(
 ) -> Hypotheses:
     """All hypotheses of all places, scored against the depth image; the best few of each place."""
     R, t, place = _candidates(votes, modes, categories, places, config)
-    if shape.slender and votes.cad_coordinates is not None and shape.symmetry.infinite_axis is None:
-        R, t = gather(R, t, votes, shape)
+    if votes.cad_coordinates is not None and shape.symmetry.infinite_axis is None:
+        if shape.slender:
+            R, t = gather(R, t, votes, shape, GATHER_ROUNDS)
+        else:
+            few = votes.select(_evenly_indices(len(votes), config.gather_votes))
+            gathered = gather(R, t, few, shape, GATHER_ROUNDS[1:])
+            R, t = np.concatenate([R, gathered[0]]), np.concatenate([t, gathered[1]])
+            place = np.concatenate([place, place])
     if config.near_symmetries:
         near = shape.near_symmetries
         R = np.einsum("hij,sjk->hsik", R, near).reshape(-1, 3, 3)
@@ -217,12 +226,14 @@ GATHER_ROUNDS = (0.3, 0.2, 0.12, 0.08)
 """Distances in units within which a predicted CAD coordinate belongs to a pose, one a round."""
 
 
-def gather(R: np.ndarray, t: np.ndarray, votes: Votes, shape: ShapeModel) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (h, 3, 3), (h, 3) fitted to the votes that agree with them, wherever on a slender part these lie.
+def gather(
+    R: np.ndarray, t: np.ndarray, votes: Votes, shape: ShapeModel, rounds: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (h, 3, 3), (h, 3) fitted to the votes that agree with them, wherever on the part these lie.
 
-    The direction of a slender part comes from points far apart, not from any single vote: in each round the votes
-    whose CAD coordinates the pose carries near their points take part, at the symmetry that fits best. Errors along
-    the part, where predictions scatter, count less.
+    A direction comes from points far apart rather than from any single vote: in each round the votes whose CAD
+    coordinates the pose carries within its reach, in units, of their points take part, at the symmetry that fits best.
+    Errors along a slender part, where predictions scatter, count less.
     """
     assert votes.cad_coordinates is not None
     Rs, ts, points, cad, S, axis = (
@@ -230,7 +241,7 @@ def gather(R: np.ndarray, t: np.ndarray, votes: Votes, shape: ShapeModel) -> tup
         for x in (R, t, votes.points, votes.cad_coordinates, shape.symmetry.S, shape.long_axis)
     )
     models = torch.einsum("sij,mj->smi", S, cad)
-    for reach in GATHER_ROUNDS:
+    for reach in rounds:
         in_part = torch.bmm(points[None] - ts[:, None], Rs)
         square = torch.stack([_folded_square(in_part - model, axis, shape.length) for model in models])
         least, which = square.min(0)
@@ -248,6 +259,10 @@ def gather(R: np.ndarray, t: np.ndarray, votes: Votes, shape: ShapeModel) -> tup
         Rs = torch.where(enough[:, None, None], fitted, Rs)
         ts = torch.where(enough[:, None], b - (Rs @ a[..., None])[..., 0], ts)
     return Rs.numpy().astype(np.float64), ts.numpy().astype(np.float64)
+
+
+def _evenly_indices(n: int, most: int) -> np.ndarray:
+    return np.arange(n) if n <= most else np.linspace(0, n - 1, most).round().astype(np.int64)
 
 
 def _folded_square(offset: torch.Tensor, axis: torch.Tensor, length: float) -> torch.Tensor:

@@ -98,7 +98,7 @@ def refine(
         clock.lap("surface")
         claims = _search(votes, votes, modes, categories, scene, shape, config, config.hypotheses, score_model, clock)
         standing = settle(claims, scene, shape, config.verify)
-        winners = accepted(claims, standing, config.verify)
+        winners = accepted(claims, standing, config.verify, score_model.threshold)
         clock.lap("verify")
         if config.second_round:
             # what the winners explain is done; each place among the votes left over gets a longer search
@@ -108,7 +108,7 @@ def refine(
             if len(again):
                 claims = claims.join(again)
                 standing = settle(claims, scene, shape, config.verify)
-                winners = accepted(claims, standing, config.verify)
+                winners = accepted(claims, standing, config.verify, score_model.threshold)
             clock.lap("verify")
     features = claims.evidence.features(inlier_tolerance(scene, config.verify))
     examined = Examined(_transforms(claims, shape), features, claims.scores, standing)

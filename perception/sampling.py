@@ -211,9 +211,7 @@ def build_levels(level0: InputPoints, rng: np.random.Generator, top: int = K_BLO
     )
 
 
-def _level(
-    i: int, points: Array, frames: Array, members: list[np.ndarray], trees: list[cKDTree], k: int
-) -> Level:
+def _level(i: int, points: Array, frames: Array, members: list[np.ndarray], trees: list[cKDTree], k: int) -> Level:
     here = points[members[i]]
     up, weights = np.zeros((0, K_UP), np.int64), np.zeros((0, K_UP))
     if i > 1:

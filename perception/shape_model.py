@@ -29,7 +29,8 @@ OFF_SURFACE = 1e-3
 """Start of a ray of the self-occlusion test over its surface."""
 RIM_SAMPLES = 20_000
 MAX_NEAR_SYMMETRIES = 8
-SLENDER, THIN = 1.1, 0.15
+THIN = 0.15
+"""Thickness from which on lengths are taken as they stand."""
 HALO = 0.12
 """Width of the band around the outline from which scene points are drawn while a pose is still coarse."""
 
@@ -86,12 +87,13 @@ class ShapeModel:
 
     @functools.cached_property
     def length(self) -> float:
-        """Extent along the long axis; above 1.1 the part counts as slender."""
+        """Extent along the long axis."""
         return float(np.ptp(self.points @ self.long_axis))
 
     @property
     def slender(self) -> bool:
-        return self.length > SLENDER
+        """Whether the unit is less than the longest side."""
+        return self.density > 1
 
     @property
     def fineness(self) -> float:

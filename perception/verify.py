@@ -34,7 +34,7 @@ class VerifyConfig(Config):
     sigmas: float = Field(4.0, ge=0, description="the sensor's share, in standard deviations")
     min_ratio: float = Field(0.80, ge=0, le=1, description="least inliers / (inliers + violations)")
     min_visible: float = Field(0.15, ge=0, le=1, description="least confirmed share of the surface facing the camera")
-    min_score: float = Field(0.5, ge=0, le=1, description="least calibrated score: more likely right than wrong")
+    min_score: float | None = Field(None, ge=0, le=1, description="least score; none: the threshold of the score model")
     points: int = Field(384, ge=32, description="CAD points compared, for each unit of the part's length")
     max_shared: float = Field(0.35, ge=0, le=1, description="most of its surface owned by better poses")
     max_overlap: float = Field(0.05, ge=0, le=1, description="most of its surface deep inside a better pose")
@@ -208,9 +208,12 @@ def settle(claims: Claims, scene: SurfaceMap, shape: ShapeModel, config: VerifyC
     return np.asarray(suppress(np.argsort(-claims.scores, kind="stable"), shared, overlap, config), dtype=np.int64)
 
 
-def accepted(claims: Claims, standing: NDArray[np.int64], config: VerifyConfig) -> Claims:
-    """Of the claims at the indices `standing`, (s,) from `settle`, those that pass every threshold."""
-    good = claims.scores >= config.min_score
+def accepted(claims: Claims, standing: NDArray[np.int64], config: VerifyConfig, threshold: float) -> Claims:
+    """Of the claims at the indices `standing`, (s,) from `settle`, those that pass every threshold.
+
+    `threshold` is that of the score where the configuration has none.
+    """
+    good = claims.scores >= (config.min_score if config.min_score is not None else threshold)
     good &= (claims.evidence.ratio >= config.min_ratio) & (claims.evidence.inliers >= config.min_visible)
     return claims.select(standing[good[standing]])
 

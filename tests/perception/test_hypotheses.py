@@ -4,11 +4,21 @@ import artificial
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from cell.frames import random_rotations, rotation_angle
 from cell.workpiece import load_workpiece
 from perception.cluster import Categories, ClusterConfig, Modes, cluster
-from perception.hypotheses import Hypotheses, HypothesisConfig, best_of_each_place, find_places, kabsch, propose
+from perception.hypotheses import (
+    GATHER_ROUNDS,
+    Hypotheses,
+    HypothesisConfig,
+    best_of_each_place,
+    find_places,
+    gather,
+    kabsch,
+    propose,
+)
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.votes import Votes
@@ -86,3 +96,47 @@ def test_the_truth_is_among_the_hypotheses_of_weak_votes(cad):
         turn = np.linalg.norm(embedded - shape.embed(T[:3, :3]), axis=1)
         shift = np.linalg.norm(found.positions.numpy() - T[:3, 3] / shape.unit, axis=1)
         assert np.hypot(turn, shift).min() < 0.15
+
+
+def slender_votes(seed: int) -> tuple[ShapeModel, np.ndarray, np.ndarray, Votes]:
+    """Votes on a slender part in one pose: directions off by 4 degrees, CAD coordinates by 0.1 units along it."""
+    rng = np.random.default_rng(seed)
+    shape = ShapeModel.of(load_workpiece("ps6d_23"))
+    R, t = random_rotations(1, rng)[0], np.array([0.3, -0.2, 3.0])
+    cad = shape.points[rng.choice(len(shape.points), 300, replace=False)]
+    points = cad @ R.T + t
+    turns = Rotation.from_rotvec(np.deg2rad(4) / 1.538 * rng.normal(size=(300, 3))).as_matrix()
+    rotations = turns @ R
+    guessed = cad + rng.normal(0, 0.1, (300, 1)) * shape.long_axis + rng.normal(0, 0.01, (300, 3))
+    centres = points - np.einsum("nij,nj->ni", rotations, guessed)
+    return shape, R, t, Votes(points, centres, rotations, guessed)
+
+
+def test_gathered_poses_of_a_slender_part_are_far_better_than_the_votes():
+    shape, R, t, votes = slender_votes(0)
+    seeds = slice(0, 300, 20)
+    found_R, found_t = gather(votes.rotations[seeds], votes.centres[seeds], votes, shape, GATHER_ROUNDS)
+
+    def errors(Rs: np.ndarray, ts: np.ndarray) -> tuple[float, float]:
+        cosine = np.abs(Rs @ shape.long_axis @ (R @ shape.long_axis))
+        away = (ts - t) - ((ts - t) @ (R @ shape.long_axis))[:, None] * (R @ shape.long_axis)
+        return (
+            float(np.rad2deg(np.arccos(np.clip(np.median(cosine), 0, 1)))),
+            float(np.median(np.linalg.norm(away, axis=1))),
+        )
+
+    before, after = errors(votes.rotations[seeds], votes.centres[seeds]), errors(found_R, found_t)
+    assert before[0] > 2 and before[1] > 0.02
+    assert after[0] < 0.5 and after[1] < 0.01
+    assert np.allclose(found_R @ np.swapaxes(found_R, 1, 2), np.eye(3), atol=1e-4)
+
+
+def test_folding_divides_what_lies_along_a_slender_part_and_leaves_compact_ones():
+    shape, R, t, votes = slender_votes(1)
+    axis = R @ shape.long_axis
+    across = np.cross(axis, [0.0, 0, 1])
+    p = t + np.array([axis, across, 0 * axis])
+    folded = shape.fold(p, np.stack([R] * 3), t)
+    assert np.allclose(folded - t, [axis / shape.length, across, 0 * axis])
+    compact = ShapeModel.of(load_workpiece("bracket"))
+    assert np.allclose(compact.fold(p, np.stack([R] * 3), t), p)

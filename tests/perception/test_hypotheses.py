@@ -132,7 +132,7 @@ def test_gathered_poses_of_a_slender_part_are_far_better_than_the_votes():
 
 
 def test_folding_divides_what_lies_along_a_slender_part_and_leaves_compact_ones():
-    shape, R, t, votes = slender_votes(1)
+    shape, R, t, _ = slender_votes(1)
     axis = R @ shape.long_axis
     across = np.cross(axis, [0.0, 0, 1])
     p = t + np.array([axis, across, 0 * axis])

@@ -136,11 +136,9 @@ def propose(
         near = shape.near_symmetries
         R = np.einsum("hij,sjk->hsik", R, near).reshape(-1, 3, 3)
         t, place = np.repeat(t, len(near), axis=0), np.repeat(place, len(near))
-    Rs, ts = torch.from_numpy(R.astype(np.float32)), torch.from_numpy(t.astype(np.float32))
-    if shape.slender:
-        Rs, ts = slide(Rs, ts, shape, config.slide_reach, config.slide_step)
-        place = np.repeat(place, len(Rs) // len(place))
+    R, t, place = _slide(R, t, place, shape, config)
     tolerance = config.tolerance * shape.fineness
+    Rs, ts = torch.from_numpy(R.astype(np.float32)), torch.from_numpy(t.astype(np.float32))
     scores = soft_score(Rs, ts, scene, shape, config.screen_points, tolerance).numpy()
     screened = Hypotheses(Rs, ts, place, scores)
     screened = screened.select(_top(place, scores, 4 * config.keep))
@@ -275,12 +273,13 @@ def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(a[:, None] - b[None], axis=-1))
 
 
-def slide(
-    R: torch.Tensor, t: torch.Tensor, shape: ShapeModel, reach: float, step: float
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Poses (h, 3, 3), (h, 3) shifted along the long axis by up to `reach`, in steps; shifts of a pose in a row."""
-    n = round(reach / step)
-    steps = step * torch.arange(-n, n + 1, dtype=t.dtype)
-    axis = R @ torch.from_numpy(shape.long_axis).to(t.dtype)
-    shifted = t[:, None] + steps[:, None] * axis[:, None]
-    return R.repeat_interleave(len(steps), 0), shifted.reshape(-1, 3)
+def _slide(
+    R: np.ndarray, t: np.ndarray, place: np.ndarray, shape: ShapeModel, config: HypothesisConfig
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Hypotheses shifted along the axis of a slender part."""
+    if not shape.slender or config.slide_reach == 0:
+        return R, t, place
+    n = round(config.slide_reach / config.slide_step)
+    steps = config.slide_step * np.arange(-n, n + 1)
+    shifted = t[:, None] + steps[None, :, None] * (R @ shape.long_axis)[:, None]
+    return np.repeat(R, len(steps), axis=0), shifted.reshape(-1, 3), np.repeat(place, len(steps))

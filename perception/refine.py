@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from pydantic import Field
-from torch import Tensor
 
 from cell.camera import DepthFrame
 from cell.config import Config
@@ -18,7 +17,7 @@ from cell.workpiece import Workpiece
 from perception.agreement import soft_score
 from perception.calibration import ScoreModel
 from perception.cluster import Categories, ClusterConfig, Modes, cluster, nearest_rotations
-from perception.hypotheses import HypothesisConfig, best_of_each_place, distinct, find_places, propose, slide
+from perception.hypotheses import HypothesisConfig, best_of_each_place, distinct, find_places, propose
 from perception.icp import COARSE, FINE, LAST, register
 from perception.pose_estimate import PoseEstimate
 from perception.shape_model import ShapeModel
@@ -144,28 +143,14 @@ def _search(
     R, t = register(kept.rotations, kept.positions, scene, shape, FINE)
     clock.lap("icp")
     rules = config.verify
-    R, t = _plausible(R, t, scene, shape, rules, shape.slender)
-    if shape.slender:
-        R, t = slide(R, t, shape, search.slide_reach / 2, search.slide_step / 2)
-        R, t = register(R, t, scene, shape, FINE[-1:])
-        R, t = _plausible(R, t, scene, shape, rules, False)
-    R, t = register(R, t, scene, shape, LAST)
+    first = examine(R, t, scene, shape, rules, every=2)
+    plausible = np.flatnonzero((first.ratio >= rules.min_ratio - 0.2) & (first.inliers >= rules.min_visible))
+    i = plausible[distinct(R[plausible], t[plausible], first.area[plausible], shape, 0.01)]
+    R, t = register(R[i], t[i], scene, shape, LAST)
     evidence = examine(R, t, scene, shape, rules, every_vote)
     scores = score_model.score(evidence.features(inlier_tolerance(scene, rules)))
     clock.lap("verify")
     return Claims(R, t, evidence, scores)
-
-
-def _plausible(
-    R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, rules: VerifyConfig, coarse: bool
-) -> tuple[Tensor, Tensor]:
-    """Of poses (h, 3, 3), (h, 3) those that the depth image does not rule out, near ones counted once."""
-    found = examine(R, t, scene, shape, rules, every=2 * shape.density)
-    possible = np.flatnonzero(
-        (found.ratio >= rules.min_ratio - (0.4 if coarse else 0.2)) & (found.inliers >= rules.min_visible)
-    )
-    i = possible[distinct(R[possible], t[possible], found.area[possible], shape, 0.01)]
-    return R[i], t[i]
 
 
 def _estimates(claims: Claims, shape: ShapeModel) -> list[PoseEstimate]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -99,6 +100,11 @@ class Workpiece:
         """
         longest = float(self.extents.max())
         return min(longest, UNIT_GIRTHS * float(self.mesh.area) / longest)
+
+    @property
+    def units_long(self) -> int:
+        """Units along the longest side, begun ones counted whole: 1 but for slender parts."""
+        return math.ceil(float(self.extents.max()) / self.unit - 1e-6)
 
     @property
     def pieces(self) -> tuple[Piece, ...]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import repeat
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from cell.camera import DepthFrame
 from cell.frames import Array, invert
+from cell.processes import child_environment
 from cell.sensor import SensorConfig, measure
 from cell.workpiece import load_workpiece
 from perception.estimate import Perception, shipped_score_model
@@ -124,16 +124,6 @@ def _perceive(setup: Setup, index: int, poses: Array) -> HeapFrame:
     return perceive_heap(_loaded(setup), poses, setup.sensor, rng)
 
 
-@contextmanager
-def single_threaded_children() -> Iterator[None]:
-    """Processes started meanwhile use one thread each: their libraries read the environment at import."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+def single_threaded_children() -> AbstractContextManager[None]:
+    """Processes started meanwhile use one thread each."""
+    return child_environment(dict.fromkeys(_THREADS, "1"))

@@ -128,7 +128,7 @@ def propose(
         if shape.slender:
             R, t = gather(R, t, votes, shape, GATHER_ROUNDS)
         else:
-            few = votes.select(_evenly_indices(len(votes), config.gather_votes))
+            few = votes.select(evenly(np.arange(len(votes)), config.gather_votes))
             gathered = gather(R, t, few, shape, GATHER_ROUNDS[1:])
             R, t = np.concatenate([R, gathered[0]]), np.concatenate([t, gathered[1]])
             place = np.concatenate([place, place])
@@ -259,10 +259,6 @@ def gather(
         Rs = torch.where(enough[:, None, None], fitted, Rs)
         ts = torch.where(enough[:, None], b - (Rs @ a[..., None])[..., 0], ts)
     return Rs.numpy().astype(np.float64), ts.numpy().astype(np.float64)
-
-
-def _evenly_indices(n: int, most: int) -> np.ndarray:
-    return np.arange(n) if n <= most else np.linspace(0, n - 1, most).round().astype(np.int64)
 
 
 def _folded_square(offset: torch.Tensor, axis: torch.Tensor, length: float) -> torch.Tensor:

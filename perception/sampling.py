@@ -6,7 +6,6 @@ same for a full and for a nearly empty bin. All of it is done with kd-trees outs
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -185,7 +184,7 @@ def build_graph(cloud: Cloud, rng: np.random.Generator, top: int = K_BLOCK) -> G
 
 def top_neighbours(workpiece: Workpiece) -> int:
     """Neighbours in the blocks of the last level: more for a longer workpiece, so that one end sees the other."""
-    return K_BLOCK * math.ceil(float(workpiece.extents.max()) / workpiece.unit - 1e-6)
+    return K_BLOCK * workpiece.units_long
 
 
 def build_levels(level0: InputPoints, rng: np.random.Generator, top: int = K_BLOCK) -> Graph:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +40,7 @@ class ShapeModel:
 
     Attributes:
         unit: [m] of 1.
-        density: units of length of the part, begun ones counted whole: 1 but for slender parts.
+        density: `Workpiece.units_long`, factor of the numbers of samples.
         points, normals: (n, 3) uniform surface samples.
         moment_root: (3, 3) C with C C^T = E[x x^T] of the v-masked surface: |R1 C - R2 C| is the root mean square
             distance of the surface in two poses of equal position (Bregier et al. 2018, eq. 9).
@@ -77,7 +76,7 @@ class ShapeModel:
 
     @staticmethod
     def of(workpiece: Workpiece) -> ShapeModel:
-        """The model of a workpiece; computed once a process (1 to 2 s)."""
+        """The model of a workpiece; computed once a process (about 3 s)."""
         return _build(_Key(workpiece))
 
     @functools.cached_property
@@ -140,7 +139,7 @@ def _build(key: _Key) -> ShapeModel:
     workpiece = key.workpiece
     unit = workpiece.unit
     mesh = trimesh.Trimesh(workpiece.vertices / unit, workpiece.faces, process=False)
-    density = max(1, math.ceil(float(workpiece.extents.max()) / unit - 1e-6))
+    density = workpiece.units_long
     points, normals = workpiece.sample_surface(SURFACE_POINTS * density)
     points = points / unit
     field = DistanceField.of(mesh)

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import InputError, PickproofError, SimulationError
+from cell.processes import child_environment
 from scenarios.records import AttemptRecord, EpisodeRecord, Reason
 from scenarios.scenario import Scenario, scenario_hash, scenario_json
 from scenarios.store import Store, versions
@@ -266,7 +267,7 @@ class _Pool:
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
         process = context.Process(target=_work, args=(there, *self._task), daemon=True)
-        with _environment(_WORKER_ENVIRONMENT), _sigint_blocked():
+        with child_environment(_WORKER_ENVIRONMENT), _sigint_blocked():
             process.start()
         there.close()
         worker = _Worker(process, here)
@@ -332,21 +333,6 @@ def _signals_noted() -> Iterator[Callable[[], bool]]:
     finally:
         for s, handler in before.items():
             signal.signal(s, handler)
-
-
-@contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Set variables for the child processes started meanwhile; libraries read them at import."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager

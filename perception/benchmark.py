@@ -21,9 +21,8 @@ from perception.benchmark_frames import STAGE_PARTS, Job, Row, measure_rows, mea
 from perception.benchmark_methods import ABLATION_WORKPIECES, METHODS, Method, methods_of
 from perception.benchmark_tables import markdown, mean_rows, missing_lines, show
 from perception.calibration import score_path
-from perception.evaluate import HEAPS_FOLDER
 from perception.heap_frames import Setup
-from perception.scenes import HELD_OUT_SEED, load_heaps
+from perception.scenes import HEAPS_FOLDER, HELD_OUT_SEED, load_heaps
 from perception.weights import file_hash, weights_record
 
 FILE = "benchmark.json"

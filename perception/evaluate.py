@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from cell.errors import InputError
@@ -22,14 +21,13 @@ from cell.workpiece import Workpiece, load_workpiece
 from perception.analysis import Instances, distances, instances_of, recall_by_visibility, right_poses
 from perception.calibration import reliability
 from perception.evaluation_page import Evaluation, write_page
-from perception.heap_frames import HeapFrame, Setup, perceive_heaps
+from perception.heap_frames import HeapFrame, Setup, perceive_seeds
 from perception.metrics import POINTS, FrameScore, score_frame, summarise, visible_instances
 from perception.overlay import Pictured, draw_frames
 from perception.pose_estimate import PoseEstimate
-from perception.scenes import HELD_OUT_SEED, load_heaps
+from perception.scenes import HELD_OUT_SEED
 from perception.weights import file_hash, weights_path, weights_record
 
-HEAPS_FOLDER = Path("out") / "heaps"
 PICTURED = 6
 """Frames shown in the picture: the worst ones first."""
 
@@ -149,7 +147,9 @@ def main_evaluate(args: argparse.Namespace) -> int:
     out = args.out or Path("out") / "evaluate" / workpiece.name
     out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=args.json)
-    frames = _evaluated(setup, workpiece, HELD_OUT_SEED + args.seed, args.frames, args.workers, console)
+    first_seed = HELD_OUT_SEED + args.seed
+    with perceive_seeds(setup, first_seed, args.frames, args.workers, console, "evaluating") as seen:
+        frames = list(score_frames(seen, workpiece, first_seed))
     instances = Instances.join([f.instances for f in frames])
     data: dict[str, Any] = {
         "workpiece": workpiece.name,
@@ -176,21 +176,6 @@ def main_evaluate(args: argparse.Namespace) -> int:
         _print(console, workpiece, data)
         console.print(f"wrote evaluation.html, .json, .png and instances.csv to {out}", soft_wrap=True)
     return 0
-
-
-def _evaluated(
-    setup: Setup, workpiece: Workpiece, first_seed: int, count: int, workers: int, console: Console
-) -> list[Frame]:
-    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
-    with Progress(*columns, console=console) as bar:
-        settling = bar.add_task("settling heaps", total=count)
-
-        def settled(n: int) -> None:
-            bar.update(settling, completed=n)
-
-        heaps = load_heaps(workpiece, first_seed, count, HEAPS_FOLDER, workers, settled)
-        seen = bar.track(perceive_heaps(setup, heaps, workers), count, description="evaluating")
-        return list(score_frames(seen, workpiece, first_seed))
 
 
 def _f1(score: FrameScore) -> float:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from cell.page import page_template, png_uri
 from cell.workpiece import Workpiece
 from perception.analysis import Instances
 from perception.metrics import VISIBILITY, FrameScore
@@ -41,26 +40,19 @@ class Evaluation:
 
 def write_page(evaluation: Evaluation, path: Path) -> None:
     """Write the page."""
-    environment = Environment(
-        loader=PackageLoader("perception", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     workpiece, data = evaluation.workpiece, evaluation.data
-    frames = [(seed, score, _uri(png(draw_frame(p, workpiece)))) for seed, score, p in evaluation.worst]
+    frames = [(seed, score, png_uri(png(draw_frame(p, workpiece)))) for seed, score, p in evaluation.worst]
     width = evaluation.worst[0][2].frame.depth.shape[1] if evaluation.worst else 640
-    page = environment.get_template("evaluation.html.j2").render(
+    page = page_template("perception", "evaluation.html.j2").render(
         data=data,
         methods=data["methods"],
         frames=frames,
         threshold=VISIBILITY,
         n_instances=len(evaluation.instances.visibility),
-        legend=_uri(png(draw_legend(width, workpiece.tolerance))),
-        visibility=_uri(draw_visibility(evaluation.instances, data["recall_by_visibility"], workpiece.tolerance)),
-        calibration=_uri(draw_reliability(data["calibration"])),
-        errors=_uri(draw_errors(evaluation.scores)),
+        legend=png_uri(png(draw_legend(width, workpiece.tolerance))),
+        visibility=png_uri(draw_visibility(evaluation.instances, data["recall_by_visibility"], workpiece.tolerance)),
+        calibration=png_uri(draw_reliability(data["calibration"])),
+        errors=png_uri(draw_errors(evaluation.scores)),
     )
     path.write_text(page, encoding="utf-8")
 
@@ -146,7 +138,3 @@ def _png(figure: Figure) -> bytes:
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=110)
     return file.getvalue()
-
-
-def _uri(png: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(png).decode()}"

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cell.errors import InputError
 from cell.frames import Array
@@ -18,12 +17,11 @@ from cell.sensor import SensorConfig
 from cell.workpiece import Workpiece, load_workpiece
 from perception.analysis import right_poses
 from perception.calibration import FEATURES, ScoreModel, brier_score, reliability, score_path
-from perception.heap_frames import HeapFrame, Setup, perceive_heaps
+from perception.heap_frames import HeapFrame, Setup, perceive_seeds
 from perception.metrics import POINTS
-from perception.scenes import VALIDATION_SEED, load_heaps
+from perception.scenes import VALIDATION_SEED
 from perception.weights import file_hash, weights_path
 
-HEAPS_FOLDER = Path("out") / "heaps"
 LEAST = 25
 """Right and wrong poses that each half must hold; signs and ridge keep weights that so few cannot support near 0."""
 LEAST_STANDING = 3
@@ -141,7 +139,8 @@ def main_fit_score(args: argparse.Namespace) -> int:
     setup = Setup(workpiece.name, args.weights, SensorConfig(), VALIDATION_SEED, calibrated=False)
     setup.check()
     console = Console()
-    examples = _examined(setup, workpiece, args.frames, args.workers, console)
+    with perceive_seeds(setup, VALIDATION_SEED, args.frames, args.workers, console, "examining") as seen:
+        examples = examples_of(seen, workpiece)
     result = fit(examples)
     console.print(
         f"{workpiece.name}: {result.record['right']} right and {result.record['wrong']} wrong poses examined in "
@@ -160,18 +159,6 @@ def main_fit_score(args: argparse.Namespace) -> int:
     result.model.save(out, source | result.record)
     console.print(f"wrote {out}", soft_wrap=True)
     return 0
-
-
-def _examined(setup: Setup, workpiece: Workpiece, count: int, workers: int, console: Console) -> Examples:
-    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
-    with Progress(*columns, console=console) as bar:
-        settling = bar.add_task("settling heaps", total=count)
-
-        def settled(n: int) -> None:
-            bar.update(settling, completed=n)
-
-        heaps = load_heaps(workpiece, VALIDATION_SEED, count, HEAPS_FOLDER, workers, settled)
-        return examples_of(bar.track(perceive_heaps(setup, heaps, workers), count, description="examining"), workpiece)
 
 
 def _print_half(console: Console, half: object) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import repeat
@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cell.camera import DepthFrame
 from cell.frames import Array, invert
@@ -21,7 +23,7 @@ from cell.sensor import SensorConfig, measure
 from cell.workpiece import load_workpiece
 from perception.estimate import Perception, shipped_score_model
 from perception.refine import RefineResult
-from perception.scenes import heap_bin, overhead_view, render_heap
+from perception.scenes import HEAPS_FOLDER, heap_bin, load_heaps, overhead_view, render_heap
 from perception.weights import load_weights, weights_path
 
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -101,6 +103,22 @@ def perceive_heaps(setup: Setup, heaps: list[Array], workers: int = 1) -> Iterat
             yield from pool.map(_perceive, repeat(setup), range(len(heaps)), heaps)
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def perceive_seeds(
+    setup: Setup, first_seed: int, count: int, workers: int, console: Console, doing: str
+) -> Iterator[Iterable[HeapFrame]]:
+    """Heaps of `count` seeds, settled where they are not stored and perceived, under a progress bar."""
+    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
+    with Progress(*columns, console=console) as bar:
+        settling = bar.add_task("settling heaps", total=count)
+
+        def settled(n: int) -> None:
+            bar.update(settling, completed=n)
+
+        heaps = load_heaps(load_workpiece(setup.workpiece), first_seed, count, HEAPS_FOLDER, workers, settled)
+        yield bar.track(perceive_heaps(setup, heaps, workers), count, description=doing)
 
 
 def perceive_heap(perception: Perception, poses: Array, sensor: SensorConfig, rng: np.random.Generator) -> HeapFrame:

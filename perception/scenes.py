@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import zlib
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -23,6 +24,10 @@ from cell.workpiece import Workpiece, load_workpiece
 TRAIN_SEED, VALIDATION_SEED, HELD_OUT_SEED = 1_000_000, 2_000_000, 3_000_000
 """First seeds of the three sets; a heap's seed alone makes its poses, so the sets never share a heap."""
 FLOOR = 0.01  # [m] height of the bin floor over the table
+HEAPS_FOLDER = Path("out") / "heaps"
+"""Where settled heaps are kept, below the folder that a command is called in."""
+FINGERPRINT = "fingerprint"
+"""Key under which a file of heaps says what they were made of."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,8 @@ def load_heaps(
 ) -> list[Array]:
     """Heaps of seeds first_seed .. first_seed + count - 1, from `folder` where stored, else settled and stored.
 
+    Heaps stored for a workpiece that has changed since are settled anew.
+
     Args:
         tick: called with the number of heaps ready, for a progress display.
     """
@@ -94,6 +101,9 @@ def load_heaps(
         except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as error:
             raise InputError(path, "", str(error), "a file of settled heaps; delete it to settle them anew") from None
     seeds = range(first_seed, first_seed + count)
+    made_of = heap_fingerprint(workpiece)
+    if str(known.pop(FINGERPRINT, "")) != made_of:
+        known = {}
     missing = [seed for seed in seeds if str(seed) not in known]
     tick(count - len(missing))
     if missing:
@@ -103,14 +113,24 @@ def load_heaps(
                 known[str(seed)] = poses
                 tick(sum(str(s) in known for s in seeds))
                 if len(known) % 20 == 0:
-                    _store(path, known)
-        _store(path, known)
+                    _store(path, known, made_of)
+        _store(path, known, made_of)
     return [known[str(seed)] for seed in seeds]
 
 
-def _store(path: Path, known: dict[str, Array]) -> None:
+def heap_fingerprint(workpiece: Workpiece) -> str:
+    """First 16 hex digits of the SHA-256 of all of a workpiece on which its heaps depend."""
+    body = [np.round(x, 9).tolist() for x in (workpiece.extents, workpiece.mass, workpiece.com, workpiece.inertia)]
+    hulls = [np.round(hull.vertices, 9).tolist() for hull in workpiece.collision_hulls]
+    plain = (workpiece.collision_boxes, workpiece.collision_cylinders, workpiece.heap)
+    of = (body, workpiece.friction, hulls, plain)
+    return hashlib.sha256(repr(of).encode()).hexdigest()[:16]
+
+
+def _store(path: Path, known: dict[str, Array], made_of: str) -> None:
     part = path.with_suffix(".part.npz")  # a run that is killed while it writes leaves the old file whole
     arrays: dict[str, Any] = dict(known)  # numpy before 2.1 has no allow_pickle here, and its types want one
+    arrays[FINGERPRINT] = np.array(made_of)
     np.savez_compressed(part, **arrays)
     part.replace(path)
 

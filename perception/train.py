@@ -16,12 +16,11 @@ from cell.errors import InputError
 from cell.frames import Array
 from cell.workpiece import Workpiece, load_workpiece
 from perception.dataset import Sample, make_sample, stream
-from perception.scenes import TRAIN_SEED, VALIDATION_SEED, load_heaps, overhead_view
+from perception.scenes import HEAPS_FOLDER, TRAIN_SEED, VALIDATION_SEED, load_heaps, overhead_view
 from perception.trainer import TrainConfig, Trainer, batches
 from perception.variants import VARIANTS, network_config
 from perception.weights import weights_path
 
-HEAPS_FOLDER = Path("out") / "heaps"
 VALIDATION_HEAPS = 16
 SHOW_EVERY = 10  # steps: reading the loss waits for the device
 

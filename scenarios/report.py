@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -10,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
+from cell.page import page_template, png_uri
 from scenarios.records import NO_PICK_REASONS, AttemptRecord, Reason
 from scenarios.statistics import wilson
 from scenarios.store import Store, StoreError
@@ -126,7 +124,7 @@ def _embed(store: Store, attempts: Sequence[AttemptRecord], budget: int) -> tupl
         if not pictures or size > budget:
             continue
         budget -= size
-        uris = [(n, f"data:image/png;base64,{base64.b64encode(png).decode()}") for n, png in pictures.items()]
+        uris = [(n, png_uri(png)) for n, png in pictures.items()]
         shown.append(Shown(a, uris))
     return shown, budget
 
@@ -137,15 +135,10 @@ def _render(store: Store, directory: Path) -> str:
     no_picks = {str(r) for r in NO_PICK_REASONS}
     reasons = [(r, n, r in no_picks) for r, n in summary["reasons"].items()]
     shown = choose_shown(store, attempts)
-    environment = Environment(
-        loader=PackageLoader("scenarios", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    template = page_template(
+        "scenarios", "report.html.j2", percent=percent, interval=interval, seconds=seconds, readable=_readable
     )
-    environment.filters.update(percent=percent, interval=interval, seconds=seconds, readable=_readable)
-    return environment.get_template("report.html.j2").render(
+    return template.render(
         s=summary,
         meta=meta,
         directory=directory,

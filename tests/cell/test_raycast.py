@@ -14,7 +14,8 @@ from cell.bin import Box, table
 from cell.camera import Intrinsics, Render, look_at, render
 from cell.frames import Array, from_rpy, make_transform
 from cell.raycast import EmbreexCaster, Open3dCaster, RayCaster, make_caster
-from cell.workpiece import Workpiece
+from cell.workpiece import Workpiece, load_workpiece
+from perception.scenes import heap_fingerprint
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[0, 1, 2]])
 CASTERS = [Open3dCaster, EmbreexCaster]
@@ -80,7 +81,8 @@ def test_training_runs_without_open3d_and_pybullet(tmp_path: Path) -> None:
     """With a stored heap; the two are blocked in a process of their own."""
     rng = np.random.default_rng(0)
     Ts = make_transform(np.eye(3), rng.uniform([-0.1, -0.08, 0.02], [0.1, 0.08, 0.06], (20, 3)))
-    np.savez_compressed(tmp_path / "heaps-bracket-5.npz", **{"5": Ts})
+    made_of = np.array(heap_fingerprint(load_workpiece("bracket")))
+    np.savez_compressed(tmp_path / "heaps-bracket-5.npz", **{"5": Ts, "fingerprint": made_of})
     run = subprocess.run(
         [sys.executable, "-c", BLOCKED + TRAIN, str(tmp_path)], capture_output=True, text=True, check=False, timeout=300
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from cell.frames import Array
 from cell.workpiece import Workpiece, load_workpiece
-from perception.scenes import settle_heap
+from perception.scenes import heap_fingerprint, settle_heap
 
 
 @lru_cache(maxsize=1)
@@ -30,4 +30,5 @@ def fill_folder(folder: Path, first_seed: int, count: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     heaps = small_heaps()
     named = {str(first_seed + i): heaps[i % len(heaps)] for i in range(count)}
-    np.savez_compressed(folder / f"heaps-bracket-{first_seed}.npz", **named)
+    made_of = np.array(heap_fingerprint(bracket()))
+    np.savez_compressed(folder / f"heaps-bracket-{first_seed}.npz", **named, fingerprint=made_of)

@@ -8,12 +8,14 @@ import pytest
 
 from cell.errors import InputError
 from cell.frames import apply, invert
+from cell.workpiece import load_workpiece
 from perception.scenes import (
     HELD_OUT_SEED,
     TRAIN_SEED,
     VALIDATION_SEED,
     View,
     heap_bin,
+    heap_fingerprint,
     load_heaps,
     overhead_view,
     random_view,
@@ -80,7 +82,8 @@ def test_stored_heaps_are_read_and_missing_ones_are_settled(tmp_path: Path) -> N
     folder, ticks = tmp_path / "heaps", list[int]()
     folder.mkdir()
     path = folder / "heaps-bracket-5.npz"
-    np.savez_compressed(path, **{"5": small_heaps()[0], "6": small_heaps()[1]})
+    made_of = np.array(heap_fingerprint(bracket()))
+    np.savez_compressed(path, **{"5": small_heaps()[0], "6": small_heaps()[1], "fingerprint": made_of})
     a, b, c = load_heaps(bracket(), 5, 3, folder, 1, ticks.append)
     np.testing.assert_array_equal(a, small_heaps()[0])
     np.testing.assert_array_equal(b, small_heaps()[1])
@@ -91,6 +94,15 @@ def test_stored_heaps_are_read_and_missing_ones_are_settled(tmp_path: Path) -> N
     for x, y in zip(again, (a, b, c), strict=True):
         np.testing.assert_array_equal(x, y)
     assert len(load_heaps(bracket(), 5, 2, folder, 1)) == 2
+
+
+def test_heaps_of_a_workpiece_that_has_changed_are_settled_anew(tmp_path: Path) -> None:
+    stale = small_heaps()[0] + 1.0
+    np.savez_compressed(tmp_path / "heaps-bracket-5.npz", **{"5": stale, "fingerprint": np.array("of a lighter part")})
+    (poses,) = load_heaps(bracket(), 5, 1, tmp_path, 1)
+    np.testing.assert_array_equal(poses, settle_heap(bracket(), 5))
+    heavier = replace(bracket(), mass=2 * bracket().mass)
+    assert heap_fingerprint(heavier) != heap_fingerprint(bracket()) == heap_fingerprint(load_workpiece("bracket"))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 not a zip", b"name: bracket\n", b"\x93NUMPY"])

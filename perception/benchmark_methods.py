@@ -28,7 +28,7 @@ from perception.ppr_net import ppr_net, ppr_net_pp
 from perception.refine import RefineConfig
 from perception.variants import variant_of
 from perception.votes import Votes
-from perception.weights import load_weights, weights_path
+from perception.weights import load_weights, variant_path, weights_path
 
 METHODS = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_refined")
 """Rows of Table I, in its order."""
@@ -133,10 +133,10 @@ def methods_of(
         variants: folder that holds NAME/VARIANT.safetensors; None for the one beside the shipped weights.
     """
     own = weights_path(workpiece) if shipped is None else shipped / workpiece.name / "ps6d.safetensors"
-    folder = workpiece.folder / "variants" if variants is None else variants / workpiece.name
 
     def trained(variant: str) -> Path:
-        return folder / f"{variant}.safetensors"
+        beside = variant_path(workpiece, variant)
+        return beside if variants is None else variants / workpiece.name / beside.name
 
     peer = "ppr_net_pp"
     methods = [

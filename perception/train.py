@@ -19,7 +19,7 @@ from perception.dataset import Sample, make_sample, stream
 from perception.scenes import HEAPS_FOLDER, TRAIN_SEED, VALIDATION_SEED, load_heaps, overhead_view
 from perception.trainer import TrainConfig, Trainer, batches
 from perception.variants import VARIANTS, network_config
-from perception.weights import weights_path
+from perception.weights import variant_path, weights_path
 
 VALIDATION_HEAPS = 16
 SHOW_EVERY = 10  # steps: reading the loss waits for the device
@@ -86,8 +86,11 @@ def _line(row: dict[str, float]) -> str:
     )
 
 
-def _init_path(name: str) -> Path:
-    return Path(name) if name.endswith(".safetensors") else weights_path(load_workpiece(name))
+def _init_path(name: str, variant: str) -> Path:
+    if name.endswith(".safetensors"):
+        return Path(name)
+    workpiece = load_workpiece(name)
+    return weights_path(workpiece) if variant == "ps6d" else variant_path(workpiece, variant)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,7 +108,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--variant", default="ps6d", help=f"network: {', '.join(VARIANTS)}")
-    parser.add_argument("--init", default="", help="start from the weights of another workpiece: a name or a file")
+    parser.add_argument(
+        "--init", default="", help="start from weights of the same variant: a workpiece's name or a file"
+    )
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in the output folder")
     parser.add_argument("--out", type=Path, default=None, help="output folder (default out/train/WORKPIECE[-VARIANT])")
 
@@ -135,7 +140,7 @@ def main_train(args: argparse.Namespace) -> int:
     config = TrainConfig(
         minutes=args.minutes, clouds=args.clouds, heaps=args.heaps, batch=args.batch, reuse=args.reuse,
         learning_rate=args.lr, loaders=args.loaders, seed=args.seed,
-        init=str(_init_path(args.init)) if args.init else "",
+        init=str(_init_path(args.init, args.variant)) if args.init else "",
         network=network,
     )  # fmt: skip
     out = args.out or Path("out") / "train" / (workpiece.name + (f"-{args.variant}" if args.variant != "ps6d" else ""))

@@ -24,6 +24,11 @@ def weights_path(workpiece: Workpiece) -> Path:
     return workpiece.folder / "ps6d.safetensors"
 
 
+def variant_path(workpiece: Workpiece, variant: str) -> Path:
+    """Where the weights lie that a peer or an ablation was given for the benchmark."""
+    return workpiece.folder / "variants" / f"{variant}.safetensors"
+
+
 def file_hash(path: Path) -> str:
     """First 16 hex digits of the file's SHA-256."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]

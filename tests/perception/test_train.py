@@ -115,6 +115,8 @@ def test_weights_of_another_run_are_a_start_and_stay_in_the_record(
     capsys.readouterr()
     assert train("--init", str(start), "--variant", "no_normalisation") == 2
     assert "no_normalisation" in capsys.readouterr().err
+    assert train("--init", "bracket", "--variant", "plain") == 2  # by name: the weights of that variant
+    assert "variants/plain.safetensors" in capsys.readouterr().err
 
 
 def test_resuming_what_is_not_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

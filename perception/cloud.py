@@ -48,7 +48,7 @@ def roi_mask(frame: DepthFrame, bin: Bin, margin: float = FLOOR_MARGIN) -> np.nd
         margin: [m] to keep from floor and walls.
     """
     T = invert(bin.T_world_bin) @ frame.T_world_camera
-    right, down = _ray_slopes(frame.intrinsics)
+    right, down = ray_slopes(frame.intrinsics)
     x, y, z = (frame.depth * (T[i, 0] * right + (T[i, 1] * down + T[i, 2])) + T[i, 3] for i in range(3))
     lx, ly, lz = bin.inner
     x, y = np.abs(x), np.abs(y)
@@ -58,7 +58,7 @@ def roi_mask(frame: DepthFrame, bin: Bin, margin: float = FLOOR_MARGIN) -> np.nd
     return np.asarray(inside & (z > margin) & (frame.depth > 0))
 
 
-def _ray_slopes(K: Intrinsics) -> tuple[Array, Array]:
+def ray_slopes(K: Intrinsics) -> tuple[Array, Array]:
     """x of each column (1, w) and y of each row (h, 1) of the rays with z = 1."""
     return (np.arange(K.width)[None, :] - K.cx) / K.fx, (np.arange(K.height)[:, None] - K.cy) / K.fy
 
@@ -66,7 +66,7 @@ def _ray_slopes(K: Intrinsics) -> tuple[Array, Array]:
 def scene_cloud(frame: DepthFrame, mask: np.ndarray, unit: float) -> Cloud:
     """The cloud of the masked pixels; may be empty."""
     v, u = np.nonzero(mask & (frame.depth > 0))
-    right, down = _ray_slopes(frame.intrinsics)
+    right, down = ray_slopes(frame.intrinsics)
     rays = np.stack([right[0, u], down[v, 0], np.ones(len(u))], axis=1)
     points = rays * frame.depth[v, u, None].astype(np.float64)
     origin = points.mean(axis=0) if len(points) else np.zeros(3)

@@ -145,9 +145,7 @@ def vote(votes: Votes, modes: Modes, of_mode: Ints, shape: ShapeModel) -> Catego
         candidates = members[:: max(1, len(members) // 64)]
         R = votes.rotations[candidates]
         all_embedded = shape.embed(R)
-        distance = np.stack(
-            [square_distances(shape.embed(R @ s), all_embedded) for s in shape.symmetry.S]
-        ).min(0)
+        distance = np.stack([square_distances(shape.embed(R @ s), all_embedded) for s in shape.symmetry.S]).min(0)
         mean_error = np.minimum(np.sqrt(distance), 0.3).mean(1)
         best = int(mean_error.argmin())
         rotations[c], errors[c] = R[best], mean_error[best]

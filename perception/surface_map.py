@@ -138,7 +138,8 @@ def _normals(z: np.ndarray, right: np.ndarray, down: np.ndarray, K: Intrinsics) 
     z = z.reshape(-1)[seen]
     rms = np.sqrt(np.maximum(total_variance - gu * e - gv * f, 0.0) / n) * z * z
     flat = fitted & (rms < np.float32(2.0 / K.fx) * z)
-    length = np.where(flat, np.float32(-1.0), np.float32(0.0)) / np.maximum(np.sqrt(nx * nx + ny * ny + nz * nz), np.float32(1e-12))
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    scale = np.where(flat, np.float32(-1.0), np.float32(0.0)) / np.maximum(length, np.float32(1e-12))
     normals = np.zeros((*valid.shape, 3), np.float32)
-    normals.reshape(-1, 3)[seen] = np.stack([nx * length, ny * length, nz * length], -1)
+    normals.reshape(-1, 3)[seen] = np.stack([nx * scale, ny * scale, nz * scale], -1)
     return normals

@@ -24,6 +24,8 @@ from cell.raycast import RayCaster, make_caster
 DEPTH_SCHEMA = 1
 DEPTH_STEP = 2.5e-5
 """[m] one count of the 16-bit PNG: 0.025 mm, range 1.64 m."""
+DEPTH_SIGMA = 1.2e-4
+"""[m] noise of a depth frame that does not tell: the class of `structured_light` at 0.85 m."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +64,13 @@ class DepthFrame:
         depth: (h, w) float32 in [m] along the camera's z axis; 0 where missing. Read-only.
         intrinsics: the pinhole model.
         T_world_camera: (4, 4) pose of the camera in the world.
+        sigma: [m] standard deviation of a measured depth at the working distance, as the camera's data sheet has it.
     """
 
     depth: np.ndarray
     intrinsics: Intrinsics
     T_world_camera: Array
+    sigma: float = DEPTH_SIGMA
 
     def __post_init__(self) -> None:
         self.depth.flags.writeable = False
@@ -92,6 +96,7 @@ class DepthFrame:
             "depth_step_m": DEPTH_STEP,
             "intrinsics": vars(self.intrinsics),
             "T_world_camera": self.T_world_camera.tolist(),
+            "sigma_m": self.sigma,
         }
         path.with_suffix(".json").write_text(json.dumps(meta, indent=1))
 
@@ -116,7 +121,7 @@ class DepthFrame:
         if image.shape != (intrinsics.height, intrinsics.width):
             raise InputError(path, "size", image.shape, f"{(intrinsics.height, intrinsics.width)} as in {meta_path}")
         depth = (image.astype(np.float64) * meta["depth_step_m"]).astype(np.float32)
-        return DepthFrame(depth, intrinsics, np.asarray(meta["T_world_camera"]))
+        return DepthFrame(depth, intrinsics, np.asarray(meta["T_world_camera"]), meta.get("sigma_m", DEPTH_SIGMA))
 
 
 def look_at(eye: Array, target: Array, up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Array:

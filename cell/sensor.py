@@ -17,7 +17,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.special import ndtr
 
-from cell.camera import DepthFrame, Intrinsics, Render
+from cell.camera import DEPTH_SIGMA, DepthFrame, Intrinsics, Render
 from cell.config import Config, read_yaml
 from cell.frames import Array
 from cell.optics import Optics
@@ -89,6 +89,10 @@ class SensorConfig(Config):
     def projector_offset(self) -> tuple[float, float, float] | None:
         return (self.baseline, 0.0, 0.0) if self.enabled and self.baseline > 0 else None
 
+    def sigma_at(self, depth: Any) -> Any:
+        """Standard deviation [m] of a depth [m] measured across the view."""
+        return self.axial_floor + self.axial_sigma * depth**2
+
     def sees_reflections(self, optics: Optics) -> bool:
         """Whether `measure` needs `Render.reflected` for a workpiece of these optics."""
         return self.enabled and self.baseline > 0 and self.interreflection > 0 and optics.specular > 0
@@ -147,8 +151,14 @@ def measure(
     seen = _returned(received_intensity(render, intrinsics, sensor.baseline, optics), sensor)
     if sensor.hole_dropout > 0 or (seen < 1).any():
         missing |= ndtr(smooth_noise(exact.shape, sensor.patch_length, rng)) >= seen * (1 - sensor.hole_dropout)
-    measured = depth + (sensor.axial_floor + sensor.axial_sigma * depth**2) * _noise(exact.shape, sensor, rng)
-    return DepthFrame(np.where(missing, np.float32(0.0), measured), intrinsics, T_world_camera)
+    measured = np.where(missing, np.float32(0.0), depth + sensor.sigma_at(depth) * _noise(exact.shape, sensor, rng))
+    return DepthFrame(measured, intrinsics, T_world_camera, _expected_sigma(measured, sensor))
+
+
+def _expected_sigma(measured: np.ndarray, sensor: SensorConfig) -> float:
+    """What the data sheet says for the distance at which most was measured."""
+    seen = measured[measured > 0]
+    return float(sensor.sigma_at(np.median(seen))) if len(seen) else DEPTH_SIGMA
 
 
 def smooth_noise(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> np.ndarray:

@@ -22,8 +22,7 @@ class Agreement:
             part; 0 where nothing was measured.
         in_front: depth of the CAD point minus measured depth: positive where something hides the part.
         measured: a surface was measured at the pixel; known_normal: and its normal.
-        facing_camera: the CAD point faces the camera.
-        points: (h, p, 3) the measured points in the CAD frame.
+        points: (h, p, 3) the measured points in the CAD frame; drawn: the CAD points in the camera frame.
     """
 
     distance: Tensor
@@ -32,35 +31,38 @@ class Agreement:
     in_front: Tensor
     measured: Tensor
     known_normal: Tensor
-    facing_camera: Tensor
     points: Tensor
+    drawn: Tensor
 
 
 def compare(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, count: int, halo: bool = False) -> Agreement:
     """Compare the first `count` visible points of poses R (h, 3, 3), t (h, 3); `halo` takes the band around them."""
-    view = shape.view_of(R, t)
     source = shape.halo if halo else shape.visible
-    Rt = R.transpose(1, 2)
-    drawn = torch.baddbmm(t[:, None], source[:, :count].index_select(0, view), Rt)
+    drawn = torch.baddbmm(t[:, None], source[:, :count].index_select(0, shape.view_of(R, t)), R.transpose(1, 2))
     pixels, inside = scene.pixels_of(drawn)
     rows = scene.at(pixels)
     z, normal, nearest = rows[..., 2], rows[..., 3:6], rows[..., 6]
     measured = inside & (z > 0)
     points = torch.bmm(rows[..., :3] - t[:, None], R)
     distance, gradient = shape.field.look_up(points)
-    facing = (torch.bmm(normal, R) * gradient).sum(-1)
-    model_normal = torch.bmm(shape.visible_normals[:, :count].index_select(0, view), Rt)
-    cos_view = -(model_normal * drawn).sum(-1)
+    depth = drawn[..., 2]
     return Agreement(
         distance=distance,
-        facing=facing,
-        gap=torch.where(inside & (nearest > 0), nearest - drawn[..., 2], 0.0),
-        in_front=torch.where(measured, drawn[..., 2] - z, 0.0),
+        facing=torch.linalg.vecdot(torch.bmm(normal, R), gradient),
+        gap=torch.where(inside & (nearest > 0), nearest - depth, 0.0),
+        in_front=torch.where(measured, depth - z, 0.0),
         measured=measured,
         known_normal=measured & (normal[..., 2] != 0),
-        facing_camera=cos_view > 0.1 * drawn[..., 2],
         points=points,
+        drawn=drawn,
     )
+
+
+def facing_camera(R: Tensor, t: Tensor, a: Agreement, shape: ShapeModel) -> Tensor:
+    """Which visible points (h, p) of the poses compared in `a` face the camera."""
+    normals = shape.visible_normals[:, : a.drawn.shape[1]].index_select(0, shape.view_of(R, t))
+    away = torch.linalg.vecdot(torch.bmm(normals, R.transpose(1, 2)), a.drawn)
+    return -away > 0.1 * a.drawn[..., 2]
 
 
 def soft_score(

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.bin import Bin
-from cell.camera import DepthFrame
-from cell.frames import Array, apply, invert
+from cell.camera import DepthFrame, Intrinsics
+from cell.frames import Array, invert
 
 FLOOR_MARGIN = 0.002  # [m] points this close to floor or wall are taken for the bin
 
@@ -47,24 +47,28 @@ def roi_mask(frame: DepthFrame, bin: Bin, margin: float = FLOOR_MARGIN) -> np.nd
     Args:
         margin: [m] to keep from floor and walls.
     """
-    points, pixels = frame.points_camera()
-    T_bin_camera = invert(bin.T_world_bin) @ frame.T_world_camera
-    p = apply(T_bin_camera, points)
+    T = invert(bin.T_world_bin) @ frame.T_world_camera
+    right, down = ray_slopes(frame.intrinsics)
+    x, y, z = (frame.depth * (T[i, 0] * right + (T[i, 1] * down + T[i, 2])) + T[i, 3] for i in range(3))
     lx, ly, lz = bin.inner
-    inside = (np.abs(p[:, 0]) < lx / 2 - margin) & (np.abs(p[:, 1]) < ly / 2 - margin)
-    over_rim = p[:, 2] > lz + margin  # parts may lean over the rim
-    inside |= over_rim & (np.abs(p[:, 0]) < lx / 2 + 0.03) & (np.abs(p[:, 1]) < ly / 2 + 0.03)
-    inside &= p[:, 2] > margin
-    mask = np.zeros(frame.depth.shape, dtype=bool)
-    mask[pixels[inside, 0], pixels[inside, 1]] = True
-    return mask
+    x, y = np.abs(x), np.abs(y)
+    inside = (x < lx / 2 - margin) & (y < ly / 2 - margin)
+    over_rim = z > lz + margin  # parts may lean over the rim
+    inside |= over_rim & (x < lx / 2 + 0.03) & (y < ly / 2 + 0.03)
+    return np.asarray(inside & (z > margin) & (frame.depth > 0))
+
+
+def ray_slopes(K: Intrinsics) -> tuple[Array, Array]:
+    """x of each column (1, w) and y of each row (h, 1) of the rays with z = 1."""
+    return (np.arange(K.width)[None, :] - K.cx) / K.fx, (np.arange(K.height)[:, None] - K.cy) / K.fy
 
 
 def scene_cloud(frame: DepthFrame, mask: np.ndarray, unit: float) -> Cloud:
     """The cloud of the masked pixels; may be empty."""
-    pixels = np.argwhere(mask & (frame.depth > 0))
-    rays = frame.intrinsics.rays()[pixels[:, 0], pixels[:, 1]]
-    points = rays * frame.depth[pixels[:, 0], pixels[:, 1], None].astype(np.float64)
+    v, u = np.nonzero(mask & (frame.depth > 0))
+    right, down = ray_slopes(frame.intrinsics)
+    rays = np.stack([right[0, u], down[v, 0], np.ones(len(u))], axis=1)
+    points = rays * frame.depth[v, u, None].astype(np.float64)
     origin = points.mean(axis=0) if len(points) else np.zeros(3)
-    view = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    return Cloud((points - origin) / unit, view, pixels, origin, unit)
+    view = rays / -np.sqrt((rays * rays).sum(1, keepdims=True))
+    return Cloud((points - origin) / unit, view, np.stack([v, u], axis=1), origin, unit)

@@ -107,8 +107,8 @@ def find_modes(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Modes:
     renumber[order] = np.arange(len(order))
     labels = renumber[labels]
     members = labels >= 0
-    positions = _group_sum(votes.centres[members], labels[members], len(order)) / np.maximum(counts[order], 1)[:, None]
-    sums = _group_sum(votes.rotations[members].reshape(-1, 9), labels[members], len(order))
+    positions = group_sums(votes.centres[members], labels[members], len(order)) / np.maximum(counts[order], 1)[:, None]
+    sums = group_sums(votes.rotations[members].reshape(-1, 9), labels[members], len(order))
     return Modes(positions, nearest_rotations(sums.reshape(-1, 3, 3)), counts[order], labels)
 
 
@@ -145,10 +145,8 @@ def vote(votes: Votes, modes: Modes, of_mode: Ints, shape: ShapeModel) -> Catego
         candidates = members[:: max(1, len(members) // 64)]
         R = votes.rotations[candidates]
         all_embedded = shape.embed(R)
-        distance = np.stack(
-            [np.linalg.norm(shape.embed(R @ s)[:, None] - all_embedded[None], axis=-1) for s in shape.symmetry.S]
-        ).min(0)
-        mean_error = np.minimum(distance, 0.3).mean(1)
+        distance = np.stack([square_distances(shape.embed(R @ s), all_embedded) for s in shape.symmetry.S]).min(0)
+        mean_error = np.minimum(np.sqrt(distance), 0.3).mean(1)
         best = int(mean_error.argmin())
         rotations[c], errors[c] = R[best], mean_error[best]
     return Categories(positions, rotations, counts, errors, of_mode)
@@ -211,17 +209,22 @@ def nearest_rotations(M: np.ndarray) -> np.ndarray:
     return np.asarray(U @ Vt)
 
 
+def square_distances(a: Floats, b: Floats) -> Floats:
+    """|a_i - b_j|^2 (n, m) of rows (n, d) and (m, d)."""
+    square = (a**2).sum(1)[:, None] - 2 * (a @ b.T) + (b**2).sum(1)
+    return np.asarray(np.maximum(square, 0.0, out=square))
+
+
+def group_sums(values: Floats, labels: Ints, n: int) -> Floats:
+    """Sums (n, d) of the rows (m, d) of each label (m,)."""
+    return np.stack([np.bincount(labels, weights=column, minlength=n) for column in values.T], axis=1)
+
+
 def _assign(features: np.ndarray, peaks: np.ndarray, limit: float = 1.0) -> Ints:
     """Nearest peak (m,) of each feature vector, -1 beyond `limit`."""
     if len(features) == 0:
         return np.zeros(0, dtype=np.int64)
-    square = (features**2).sum(1)[:, None] - 2 * features @ peaks.T + (peaks**2).sum(1)
+    square = square_distances(features, peaks)
     best = square.argmin(1)
     within = square[np.arange(len(features)), best] <= limit**2
     return np.where(within, best, -1).astype(np.int64)
-
-
-def _group_sum(values: np.ndarray, labels: np.ndarray, n: int) -> np.ndarray:
-    out = np.zeros((n, values.shape[1]))
-    np.add.at(out, labels, values)
-    return out

@@ -12,6 +12,7 @@ import torch
 from cell.bin import Bin
 from cell.camera import DepthFrame
 from cell.workpiece import Workpiece
+from perception.allocator import keep_freed_memory
 from perception.calibration import ScoreModel, score_path
 from perception.cloud import Cloud, roi_mask, scene_cloud
 from perception.network import Ps6d, pack
@@ -50,6 +51,7 @@ class Perception:
             InputError: missing or corrupt weights, or a corrupt score model.
         """
         torch.set_num_threads(1)  # more do not help at this size, and workers run side by side
+        keep_freed_memory()
         ShapeModel.of(workpiece)  # built once a process: some seconds that belong to no frame
         network = load_weights(weights or weights_path(workpiece), workpiece)
         score_model = shipped_score_model(workpiece) if calibrated else None
@@ -69,7 +71,7 @@ class Perception:
         result = refine(frame, self.workpiece, votes, self.config, mask, self.score_model)
         return replace(result, seconds=seconds | result.seconds)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def vote(self, cloud: Cloud, rng: np.random.Generator) -> Votes | None:
         """One pose vote for every voting point of every pass, in normalised camera coordinates; None without points."""
         level0 = input_points(cloud, rng)

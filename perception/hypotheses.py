@@ -10,7 +10,16 @@ from pydantic import Field
 
 from cell.config import Config
 from perception.agreement import soft_score
-from perception.cluster import Categories, Modes, evenly, least_votes, mean_shift, nearest_rotations
+from perception.cluster import (
+    Categories,
+    Modes,
+    evenly,
+    group_sums,
+    least_votes,
+    mean_shift,
+    nearest_rotations,
+    square_distances,
+)
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.votes import Votes
@@ -35,6 +44,7 @@ class HypothesisConfig(Config):
     points: int = Field(64, ge=8, description="CAD points of that score")
     screen_points: int = Field(20, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
     apart: float = Field(0.06, ge=0, description="two hypotheses of a place nearer than this, in units, are one")
+    alike: float = Field(0.015, ge=0, description="the same before they are turned and scored, in units")
     slender: int = Field(2, ge=1, description="factor of votes_per_place, keep and keep_after_coarse on slender parts")
 
     def of(self, shape: ShapeModel) -> HypothesisConfig:
@@ -130,8 +140,10 @@ def propose(
         else:
             few = votes.select(evenly(np.arange(len(votes)), config.gather_votes))
             gathered = gather(R, t, few, shape, GATHER_ROUNDS[1:])
-            R, t = np.concatenate([R, gathered[0]]), np.concatenate([t, gathered[1]])
+            R, t = np.concatenate([gathered[0], R]), np.concatenate([gathered[1], t])
             place = np.concatenate([place, place])
+            few_of_each = best_of_each_place(_unscored(R, t, place), shape, len(R), config.alike)
+            R, t, place = R[few_of_each], t[few_of_each], place[few_of_each]
     if config.near_symmetries:
         near = shape.near_symmetries
         R = np.einsum("hij,sjk->hsik", R, near).reshape(-1, 3, 3)
@@ -145,6 +157,10 @@ def propose(
     scores = soft_score(screened.rotations, screened.positions, scene, shape, config.points, tolerance).numpy()
     scored = replace(screened, scores=scores)
     return scored.select(best_of_each_place(scored, shape, config.keep, config.apart))
+
+
+def _unscored(R: np.ndarray, t: np.ndarray, place: np.ndarray) -> Hypotheses:
+    return Hypotheses(torch.from_numpy(R), torch.from_numpy(t), place, np.zeros(len(R)))
 
 
 def _top(places: np.ndarray, scores: np.ndarray, keep: int) -> np.ndarray:
@@ -163,36 +179,40 @@ def best_of_each_place(hypotheses: Hypotheses, shape: ShapeModel, keep: int, apa
     bounds = np.flatnonzero(np.diff(hypotheses.places[order])) + 1
     kept = []
     for members in np.split(order, bounds):
-        mine: list[int] = []
-        for i in members[: 16 * keep]:
-            if not mine or np.linalg.norm(embedded[mine] - embedded[i], axis=1).min() >= apart:
-                mine.append(int(i))
-                if len(mine) == keep:
-                    break
-        kept.extend(mine)
-    return np.asarray(kept, dtype=np.int64)
+        best = members[: 16 * keep]
+        kept.append(best[_unlike(embedded[best], apart, keep)])
+    return np.concatenate(kept) if kept else np.zeros(0, dtype=np.int64)
 
 
 def distinct(R: torch.Tensor, t: torch.Tensor, scores: np.ndarray, shape: ShapeModel, apart: float) -> np.ndarray:
     """Indices, best score first, of poses that no better one is nearer to than `apart`, whatever their place."""
     embedded = np.concatenate([t.numpy(), shape.embed(R.numpy().astype(np.float64))], axis=1)
-    square = (embedded**2).sum(1)
-    same = square[:, None] - 2 * embedded @ embedded.T + square < apart**2
+    order = np.argsort(-scores, kind="stable")
+    return np.asarray(order[_unlike(embedded[order], apart)], dtype=np.int64)
+
+
+def _unlike(x: np.ndarray, apart: float, most: int | None = None) -> list[int]:
+    """Indices of the first rows of x (n, d), `most` at most, that are at least `apart` from every earlier one."""
+    like = square_distances(x, x) < apart**2
+    free = np.ones(len(x), dtype=bool)
     kept: list[int] = []
-    free = np.ones(len(scores), dtype=bool)
-    for i in np.argsort(-scores, kind="stable"):
-        if free[i]:
-            kept.append(int(i))
-            free &= ~same[i]
-    return np.asarray(kept, dtype=np.int64)
+    while free.any() and len(kept) != most:
+        kept.append(int(free.argmax()))
+        free &= ~like[kept[-1]]
+        free[kept[-1]] = False
+    return kept
 
 
-def kabsch(model: np.ndarray, measured: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and translation (3,) with measured = R model + t in the weighted least squares (Kabsch 1976)."""
-    w = weights / weights.sum()
-    a, b = w @ model, w @ measured
-    R = nearest_rotations(((measured - b) * w[:, None]).T @ (model - a)[None])[0]
-    return R, b - R @ a
+def kabsch(model: np.ndarray, measured: np.ndarray, groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations (count, 3, 3) and translations (count, 3) with measured = R model + t in least squares (Kabsch 1976).
+
+    One for each group of points (m, 3), whose numbers are `groups` (m,); none may be empty.
+    """
+    n = np.bincount(groups, minlength=count)[:, None]
+    a, b = group_sums(model, groups, count) / n, group_sums(measured, groups, count) / n
+    away = (measured - b[groups])[:, :, None] * (model - a[groups])[:, None]
+    R = nearest_rotations(group_sums(away.reshape(-1, 9), groups, count).reshape(-1, 3, 3))
+    return R, b - (R @ a[..., None])[..., 0]
 
 
 def _candidates(
@@ -203,22 +223,28 @@ def _candidates(
     R = [categories.rotations, modes.rotations[in_place]]
     t = [categories.positions, modes.positions[in_place]]
     place = [np.arange(len(categories.counts)), places.of_mode[in_place]]
-    groups = [(np.flatnonzero(modes.labels == k), places.of_mode[k]) for k in in_place]
     for c, position in enumerate(places.positions):
         members = np.flatnonzero(places.of_vote == c)
-        groups.append((members, c))
         if config.votes_per_place and len(members):
             few = members[np.unique(np.linspace(0, len(members) - 1, config.votes_per_place).round().astype(int))]
             R.append(votes.rotations[few])
             t.append(np.broadcast_to(position, (len(few), 3)))
             place.append(np.full(len(few), c))
     if votes.cad_coordinates is not None:
-        for members, c in groups:
-            if len(members) >= 4:
-                pose = kabsch(votes.cad_coordinates[members], votes.points[members], np.ones(len(members)))
-                R.append(pose[0][None])
-                t.append(pose[1][None])
-                place.append(np.asarray([c]))
+        of_modes = np.append(places.of_mode, -1)[modes.labels]
+        for labels, place_of in (
+            (np.where(of_modes >= 0, modes.labels, -1), places.of_mode),
+            (places.of_vote, np.arange(len(places.positions))),
+        ):
+            enough = np.flatnonzero(np.bincount(labels[labels >= 0], minlength=len(place_of)) >= 4)
+            renumber = np.full(len(place_of) + 1, -1)
+            renumber[enough] = np.arange(len(enough))
+            groups = renumber[labels]
+            mine = groups >= 0
+            poses = kabsch(votes.cad_coordinates[mine], votes.points[mine], groups[mine], len(enough))
+            R.append(poses[0])
+            t.append(poses[1])
+            place.append(place_of[enough])
     return np.concatenate(R), np.concatenate(t), np.concatenate(place)
 
 
@@ -236,37 +262,51 @@ def gather(
     Errors along a slender part, where predictions scatter, count less.
     """
     assert votes.cad_coordinates is not None
-    Rs, ts, points, cad, S, axis = (
-        torch.from_numpy(x.astype(np.float32))
-        for x in (R, t, votes.points, votes.cad_coordinates, shape.symmetry.S, shape.long_axis)
-    )
-    models = torch.einsum("sij,mj->smi", S, cad)
+    # products of thousands of poses and votes: every distance and every moment is linear in these terms of a vote
+    middle = votes.points.mean(0)
+    p, axis = (torch.from_numpy(x.astype(np.float32)) for x in (votes.points - middle, shape.long_axis))
+    models = [torch.from_numpy((votes.cad_coordinates @ s.T).astype(np.float32)) for s in shape.symmetry.S]
+    terms = [_terms(p, model) for model in models]
+    Rs, ts = torch.from_numpy(R.astype(np.float32)), torch.from_numpy((t - middle).astype(np.float32))
     for reach in rounds:
-        in_part = torch.bmm(points[None] - ts[:, None], Rs)
-        square = torch.stack([_folded_square(in_part - model, axis, shape.length) for model in models])
-        least, which = square.min(0)
+        square = [_square_distances(Rs, ts, term, axis, shape) for term in terms]
+        least = torch.stack(square).amin(0) if len(square) > 1 else square[0]
         weight = (1 - least / reach**2).clamp_(min=0)
-        total = weight.sum(1).clamp(min=1e-6)
-        parts = [torch.where(which == s, weight, 0.0) for s in range(len(models))]
-        a = sum(w @ model for w, model in zip(parts, models, strict=True)) / total[:, None]
-        b = weight @ points / total[:, None]
-        cross = torch.zeros_like(Rs)
-        for w, model in zip(parts, models, strict=True):
-            away = (points[None] - b[:, None]) * w[..., None]
-            cross += torch.bmm(away.transpose(1, 2), model[None] - a[:, None])
+        parts = [torch.where(own == least, weight, 0.0) for own in square] if len(square) > 1 else [weight]
+        moments = sum(part @ term for part, term in zip(parts, terms, strict=True))
+        total = moments[:, :1].clamp(min=1e-6)
+        b, a = moments[:, 1:4] / total, moments[:, 4:7] / total
+        cross = moments[:, 7:16].view(-1, 3, 3) - total[..., None] * b[:, :, None] * a[:, None]
         fitted = torch.from_numpy(nearest_rotations(cross.numpy()))
         enough = (weight > 0).sum(1) >= 8
         Rs = torch.where(enough[:, None, None], fitted, Rs)
         ts = torch.where(enough[:, None], b - (Rs @ a[..., None])[..., 0], ts)
-    return Rs.numpy().astype(np.float64), ts.numpy().astype(np.float64)
+    return Rs.numpy().astype(np.float64), ts.numpy().astype(np.float64) + middle
 
 
-def _folded_square(offset: torch.Tensor, axis: torch.Tensor, length: float) -> torch.Tensor:
-    return offset.square().sum(-1) - (offset @ axis).square() * (1 - 1 / length**2)
+def _terms(p: torch.Tensor, m: torch.Tensor) -> torch.Tensor:
+    """(m, 17): 1, p, m, p m^T and |p|^2 + |m|^2 of points p and CAD coordinates m, both (m, 3)."""
+    products = (p[:, :, None] * m[:, None]).flatten(1)
+    squares = (p.square() + m.square()).sum(1, keepdim=True)
+    return torch.cat([torch.ones_like(squares), p, m, products, squares], dim=1)
+
+
+def _square_distances(
+    R: torch.Tensor, t: torch.Tensor, terms: torch.Tensor, axis: torch.Tensor, shape: ShapeModel
+) -> torch.Tensor:
+    """|R^T (p - t) - m|^2 (h, m); what lies along a slender part's axis is divided by its length first."""
+    turned = (R.transpose(1, 2) @ t[..., None])[..., 0]
+    one = torch.ones(len(R), 1)
+    factors = torch.cat([t.square().sum(1, keepdim=True), -2 * t, 2 * turned, -2 * R.flatten(1), one], dim=1)
+    square = factors @ terms.T
+    if shape.slender:
+        factors = torch.cat([-(turned @ axis)[:, None], R @ axis, -axis.expand(len(R), 3)], dim=1)
+        square -= (factors @ terms[:, :7].T).square_() * (1 - 1 / shape.length**2)
+    return square
 
 
 def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.norm(a[:, None] - b[None], axis=-1))
+    return np.asarray(np.sqrt(square_distances(a, b)))
 
 
 def _slide(

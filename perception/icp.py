@@ -91,7 +91,7 @@ def _step(
     weight = (1.0 - (distance / threshold).square()).clamp_(min=0.0).square_()
     weight = weight * (inside & (measured[..., 2] > 0) & (facing > MIN_FACING))
     if stage.by_votes:
-        weight = weight * scene.membership(rows, shape, R, t, VOTE_REACH, VOTE_FLOOR)
+        weight = weight * scene.membership(pixels, shape, R, t, VOTE_REACH, VOTE_FLOOR)
     # d(distance) / d(twist) in the CAD frame: a turn w and a shift v of the part move the point by -(w x y + v)
     jacobian = torch.cat([torch.linalg.cross(points, gradient), gradient], -1)
     weighted = jacobian * weight[..., None]

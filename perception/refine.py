@@ -34,7 +34,9 @@ class RefineConfig(Config):
     verify: VerifyConfig = VerifyConfig()
     second_round: bool = Field(True, description="search again among the votes that no accepted pose explains")
     hypotheses_second: HypothesisConfig = HypothesisConfig(votes_per_place=24, keep=4, max_places=8, min_votes_place=5)
-    depth_sigma: float = Field(1.2e-4, ge=0, description="[m] standard deviation of a measured depth")
+    depth_sigma: float | None = Field(
+        None, ge=0, description="[m] standard deviation of a measured depth; none: what the frame says"
+    )
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,8 @@ def refine(
     raw = _raw_estimates(categories, shape, len(votes))
     clock.lap("cluster")
     with torch.no_grad():
-        scene = SurfaceMap.of(frame, shape.unit, config.depth_sigma, roi)
+        sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma
+        scene = SurfaceMap.of(frame, shape.unit, sigma, roi)
         clock.lap("surface")
         claims = _search(votes, votes, modes, categories, scene, shape, config, config.hypotheses, score_model, clock)
         standing = settle(claims, scene, shape, config.verify)

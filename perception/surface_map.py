@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from cell.camera import DepthFrame, Intrinsics
+from perception.cloud import ray_slopes
 from perception.shape_model import ShapeModel
 
 WINDOW = 2
@@ -27,18 +28,19 @@ class SurfaceMap:
     Attributes:
         table: (h * w, 8) per pixel: point x, y, z (z = 0 where nothing was measured or outside the region of
             interest), normal towards the camera x, y, z (zero where it could not be fitted), nearest depth in the
-            3 x 3 neighbourhood whether of interest or not (0 where nothing was measured), and the index of the
-            voting point nearest in the image (0 before `with_centres`).
+            3 x 3 neighbourhood whether of interest or not (0 where nothing was measured), and 0.
         depth: (h * w,) z of the whole image, whether of interest or not, 0 where nothing was measured.
         intrinsics: the pinhole model.
         sigma: standard deviation of a measured depth.
-        centres: (m, 3) predicted centre of those voting points; empty before `with_centres`.
+        nearest_vote: (h * w,) index of the voting point nearest in the image; centres: (m, 3) predicted centre of these
+            points; both empty before `with_centres`.
     """
 
     table: Tensor
     depth: Tensor
     intrinsics: Intrinsics
     sigma: float
+    nearest_vote: Tensor
     centres: Tensor
 
     @staticmethod
@@ -47,17 +49,16 @@ class SurfaceMap:
         K = frame.intrinsics
         z = np.nan_to_num(frame.depth / np.float32(unit), nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
         z = np.maximum(z, 0.0)
-        rays = K.rays().astype(np.float32)
+        right, down = (x.astype(np.float32) for x in ray_slopes(K))
         table = np.zeros((K.height, K.width, 8), dtype=np.float32)
         of_interest = z if roi is None else np.where(roi, z, np.float32(0.0))
-        table[..., :3] = rays * of_interest[..., None]
-        table[..., 3:6] = _normals(of_interest, rays, K)
+        table[..., 0], table[..., 1], table[..., 2] = right * of_interest, down * of_interest, of_interest
+        table[..., 3:6] = _normals(of_interest, right, down, K)
         far = np.float32(1e6)
         nearest = cv2.erode(np.where(z > 0, z, far), np.ones((3, 3), np.uint8))
         table[..., 6] = np.where(nearest < far, nearest, 0.0)
-        return SurfaceMap(
-            torch.from_numpy(table.reshape(-1, 8)), torch.from_numpy(z.reshape(-1)), K, sigma / unit, torch.zeros(0, 3)
-        )
+        of_pixels = torch.from_numpy(table.reshape(-1, 8)), torch.from_numpy(z.reshape(-1))
+        return SurfaceMap(*of_pixels, K, sigma / unit, torch.zeros(0, dtype=torch.int32), torch.zeros(0, 3))
 
     def with_centres(self, points: np.ndarray, centres: np.ndarray) -> SurfaceMap:
         """The map with a predicted centre at every pixel: that of the voting point (m, 3) nearest in the image."""
@@ -69,18 +70,18 @@ class SurfaceMap:
             free.reshape(K.height, K.width), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
         )
         flat = label.reshape(-1)
-        vote_of_label = np.zeros(int(flat.max()) + 1, np.float32)
-        vote_of_label[flat[pixels.numpy()]] = np.arange(len(points), dtype=np.float32)
-        table = self.table.clone()
-        table[:, 7] = torch.from_numpy(vote_of_label[flat])
-        return replace(self, table=table, centres=torch.from_numpy(centres.astype(np.float32)))
+        vote_of_label = np.zeros(int(flat.max()) + 1, np.int32)
+        vote_of_label[flat[pixels.numpy()]] = np.arange(len(points))
+        nearest = torch.from_numpy(vote_of_label[flat])
+        return replace(self, nearest_vote=nearest, centres=torch.from_numpy(centres.astype(np.float32)))
 
-    def membership(self, rows: Tensor, shape: ShapeModel, R: Tensor, t: Tensor, reach: float, floor: float) -> Tensor:
-        """Weight (h, p) of table rows (h, p, 8) for poses R (h, 3, 3), t (h, 3): 1 where the nearest vote's centre is
+    def membership(self, pixels: Tensor, shape: ShapeModel, R: Tensor, t: Tensor, reach: float, floor: float) -> Tensor:
+        """Weight (h, p) of pixels (h, p) for poses R (h, 3, 3), t (h, 3): 1 where the nearest vote's centre is
         at t; along a slender part it may be farther."""
         if len(self.centres) == 0:
-            return torch.ones(rows.shape[:2])
-        centre = self.centres.index_select(0, rows[..., 7].reshape(-1).long()).reshape(*rows.shape[:2], 3)
+            return torch.ones(pixels.shape)
+        votes = self.nearest_vote.index_select(0, pixels.reshape(-1))
+        centre = self.centres.index_select(0, votes).reshape(*pixels.shape, 3)
         offset = centre - t[:, None]
         square = offset.square().sum(-1)
         if shape.slender:
@@ -104,13 +105,14 @@ class SurfaceMap:
         return self.table.index_select(0, pixels.reshape(-1)).reshape(*pixels.shape, 8)
 
 
-def _normals(z: np.ndarray, rays: np.ndarray, K: Intrinsics) -> np.ndarray:
+def _normals(z: np.ndarray, right: np.ndarray, down: np.ndarray, K: Intrinsics) -> np.ndarray:
     """Unit normals (h, w, 3) towards the camera; zero where the window holds too little or is not flat."""
     valid = z > 0
     w = valid.astype(np.float32)
+    inverse = np.divide(np.float32(1.0), z, out=np.zeros_like(z), where=valid)
     # a constant is subtracted so that float32 sums keep their digits
-    middle = np.float32(np.median(1.0 / z[valid])) if valid.any() else np.float32(0.0)
-    q = np.where(valid, 1.0 / np.where(valid, z, 1.0) - middle, 0.0).astype(np.float32)
+    middle = np.float32(np.median(inverse[valid])) if valid.any() else np.float32(0.0)
+    q = (inverse - middle) * w
     one = np.ones(2 * WINDOW + 1, np.float32)
     ramp = np.arange(-WINDOW, WINDOW + 1, dtype=np.float32)
 
@@ -120,20 +122,24 @@ def _normals(z: np.ndarray, rays: np.ndarray, K: Intrinsics) -> np.ndarray:
     n, nu, nv = total(w, one, one), total(w, ramp, one), total(w, one, ramp)
     nuu, nvv, nuv = total(w, ramp**2, one), total(w, one, ramp**2), total(w, ramp, ramp)
     s, su, sv, ss = total(q, one, one), total(q, ramp, one), total(q, one, ramp), total(q * q, one, one)
-    count = np.maximum(n, 1.0)
-    a, b, c = nuu - nu * nu / count, nuv - nu * nv / count, nvv - nv * nv / count
-    e, f, total_variance = su - nu * s / count, sv - nv * s / count, ss - s * s / count
+    seen = np.flatnonzero(valid)
+    n, nu, nv, nuu, nvv, nuv, s, su, sv, ss = (x.reshape(-1)[seen] for x in (n, nu, nv, nuu, nvv, nuv, s, su, sv, ss))
+    a, b, c = nuu - nu * nu / n, nuv - nu * nv / n, nvv - nv * nv / n
+    e, f, total_variance = su - nu * s / n, sv - nv * s / n, ss - s * s / n
     determinant = a * c - b * b
-    fitted = valid & (n >= 8) & (determinant > 1.0)
-    safe = np.where(fitted, determinant, 1.0)
+    fitted = (n >= 8) & (determinant > 1.0)
+    safe = np.where(fitted, determinant, np.float32(1.0))
     gu, gv = (c * e - b * f) / safe, (a * f - b * e) / safe
     # of the plane n . ray = d / z: the part along u, v is the slope of inverse depth in ray coordinates
     nx, ny = gu * np.float32(K.fx), gv * np.float32(K.fy)
-    centre = q + middle
-    nz = centre - nx * rays[..., 0] - ny * rays[..., 1]
-    normal = -np.stack([nx, ny, nz], -1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    row, column = np.divmod(seen, K.width)
+    nz = inverse.reshape(-1)[seen] - nx * right[0, column] - ny * down[row, 0]
     # departure from the plane, as depth: dz = z^2 dq
-    rms = np.sqrt(np.maximum(total_variance - gu * e - gv * f, 0.0) / count) * z * z
-    pixel = z / np.float32(K.fx)
-    return np.where((fitted & (rms < 2.0 * pixel))[..., None], normal, np.float32(0.0))
+    z = z.reshape(-1)[seen]
+    rms = np.sqrt(np.maximum(total_variance - gu * e - gv * f, 0.0) / n) * z * z
+    flat = fitted & (rms < np.float32(2.0 / K.fx) * z)
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    scale = np.where(flat, np.float32(-1.0), np.float32(0.0)) / np.maximum(length, np.float32(1e-12))
+    normals = np.zeros((*valid.shape, 3), np.float32)
+    normals.reshape(-1, 3)[seen] = np.stack([nx * scale, ny * scale, nz * scale], -1)
+    return normals

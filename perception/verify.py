@@ -15,7 +15,7 @@ from pydantic import Field
 from torch import Tensor
 
 from cell.config import Config
-from perception.agreement import compare
+from perception.agreement import compare, facing_camera
 from perception.calibration import FEATURES
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
@@ -146,12 +146,13 @@ def examine(
     tolerance = inlier_tolerance(scene, config)
     n_votes, centres_agree, rotations_agree = _support(R, t, shape, 2 * tolerance, votes)
     a = compare(R, t, scene, shape, shape.density * config.points // every)
-    claimed = a.facing_camera.sum(1).clamp(min=1).double()
-    on = a.measured & (a.distance.abs() < tolerance) & a.facing_camera
+    faces = facing_camera(R, t, a, shape)
+    claimed = faces.sum(1).clamp(min=1).double()
+    on = a.measured & (a.distance.abs() < tolerance) & faces
     turned = on & a.known_normal & (a.facing < 0.5)
     inlier = on & ~turned
-    through = a.facing_camera & ~on & (a.gap > tolerance)
-    hidden = a.facing_camera & ~on & (a.in_front > tolerance)
+    through = faces & ~on & (a.gap > tolerance)
+    hidden = faces & ~on & (a.in_front > tolerance)
     band = compare(R, t, scene, shape, shape.density * config.points // (2 * every), halo=True)
     beside = band.measured & (band.distance > 2 * tolerance) & (band.distance < 0.05) & (band.in_front.abs() < 0.05)
 

@@ -85,12 +85,13 @@ def test_the_shadow_falls_away_from_the_projector() -> None:
 def test_a_frame_comes_back_from_disk(tmp_path: Path) -> None:
     depth = np.random.default_rng(1).uniform(0.2, 1.6, (30, 40)).astype(np.float32)
     depth[3:6] = 0.0
-    before = DepthFrame(depth, Intrinsics(40, 30, 90.0, 91.0, 19.5, 14.5), from_rpy((0.1, 0.2, 0.3), (3.0, 0.1, 0.2)))
+    pose = from_rpy((0.1, 0.2, 0.3), (3.0, 0.1, 0.2))
+    before = DepthFrame(depth, Intrinsics(40, 30, 90.0, 91.0, 19.5, 14.5), pose, sigma=1.1e-3)
     before.save(tmp_path / "a.png")
     after = DepthFrame.load(tmp_path / "a.png")
     np.testing.assert_allclose(after.depth, before.depth, atol=DEPTH_STEP / 2 + 1e-7)
     assert (after.depth[3:6] == 0).all()
-    assert after.intrinsics == before.intrinsics
+    assert after.intrinsics == before.intrinsics and after.sigma == before.sigma
     np.testing.assert_array_equal(after.T_world_camera, before.T_world_camera)
     after.save(tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

@@ -58,9 +58,11 @@ def test_switched_off_it_is_the_exact_render() -> None:
 def test_axial_noise_is_the_configured_one_and_grows_with_depth_squared(preset: str, depth: float) -> None:
     clean = {"speckle_dropout": 0.0, "hole_dropout": 0.0, "lateral_sigma": 0.0}
     sensor = SensorConfig.model_validate({"preset": preset, **clean})
-    error = np.concatenate([(measured(plane(depth), sensor, seed) - depth).ravel() for seed in range(4)])
+    frames = [measure(plane(depth), K, np.eye(4), sensor, np.random.default_rng(seed)) for seed in range(4)]
+    error = np.concatenate([(frame.depth - depth).ravel() for frame in frames])
     expected = sensor.axial_floor + sensor.axial_sigma * depth**2
     assert error.std() == pytest.approx(expected, rel=0.04)
+    assert frames[0].sigma == pytest.approx(expected, rel=0.01)  # and the frame says so
     assert abs(error.mean()) < 0.05 * expected
 
 

@@ -78,7 +78,7 @@ def test_the_same_frame_and_seed_give_the_same_poses() -> None:
 def test_perception_sees_depth_alone_and_does_not_change_it() -> None:
     frame = seen(0)[0]
     assert not frame.depth.flags.writeable
-    assert set(vars(frame)) == {"depth", "intrinsics", "T_world_camera"}
+    assert set(vars(frame)) == {"depth", "intrinsics", "T_world_camera", "sigma"}
 
 
 def test_where_the_cell_stands_in_the_world_does_not_matter() -> None:

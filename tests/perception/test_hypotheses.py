@@ -24,13 +24,12 @@ from perception.surface_map import SurfaceMap
 from perception.votes import Votes
 
 
-def test_kabsch_recovers_a_pose_and_ignores_points_without_weight():
+def test_kabsch_recovers_the_pose_of_each_group():
     rng = np.random.default_rng(0)
-    R, t = random_rotations(1, rng)[0], rng.normal(size=3)
-    model = rng.normal(size=(20, 3))
-    measured = model @ R.T + t
-    measured[15:] += 10.0
-    found_R, found_t = kabsch(model, measured, np.r_[np.ones(15), np.zeros(5)])
+    R, t = random_rotations(3, rng), rng.normal(size=(3, 3))
+    model, groups = rng.normal(size=(40, 3)), rng.permutation(np.arange(40) % 3)
+    measured = (R[groups] @ model[..., None])[..., 0] + t[groups]
+    found_R, found_t = kabsch(model, measured, groups, 3)
     assert np.allclose(found_R, R) and np.allclose(found_t, t)
 
 

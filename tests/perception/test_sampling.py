@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from cell.frames import Array, random_rotations
 from perception.cloud import Cloud
@@ -13,10 +12,10 @@ from perception.sampling import (
     NORMAL_NEIGHBOURS,
     VOXELS,
     Graph,
+    PointTree,
     build_graph,
     least_axis,
     local_frames,
-    neighbours,
     normals_of,
     voxel_sample,
 )
@@ -64,18 +63,18 @@ def test_voxel_samples_are_random_and_repeatable() -> None:
 
 def test_neighbours_are_the_nearest_and_are_repeated_when_there_are_too_few() -> None:
     points, _ = bumpy(60)
-    d, i = neighbours(cKDTree(points), points, 7)
+    d, i = PointTree(points).nearest(points, 7)
     brute = np.linalg.norm(points[:, None] - points[None], axis=2)
-    np.testing.assert_allclose(d, np.sort(brute, axis=1)[:, :7], atol=1e-12)
-    np.testing.assert_allclose(np.take_along_axis(brute, i, axis=1), d, atol=1e-12)
-    d, i = neighbours(cKDTree(points[:3]), points, 5)
+    np.testing.assert_allclose(d, np.sort(brute, axis=1)[:, :7], atol=1e-6)
+    np.testing.assert_allclose(np.take_along_axis(brute, i, axis=1), d, atol=1e-6)
+    d, i = PointTree(points[:3]).nearest(points, 5)
     assert i.shape == (60, 5)
     np.testing.assert_array_equal(i[:, 2:], np.repeat(i[:, 2:3], 3, axis=1))
-    assert neighbours(cKDTree(points[:1]), points, 4)[1].tolist() == [[0] * 4] * 60
+    assert PointTree(points[:1]).nearest(points, 4)[1].tolist() == [[0] * 4] * 60
 
 
 def normals(points: Array, view: Array) -> Array:
-    return normals_of(points, neighbours(cKDTree(points), points, NORMAL_NEIGHBOURS)[1], view)
+    return normals_of(points, PointTree(points).nearest(points, NORMAL_NEIGHBOURS)[1], view)
 
 
 def test_normals_of_a_plane_and_a_sphere() -> None:
@@ -100,7 +99,7 @@ def test_normals_face_the_camera() -> None:
 
 
 def frames(points: Array, view: Array, queries: np.ndarray) -> Array:
-    return local_frames(points, normals(points, view), queries, cKDTree(points))
+    return local_frames(points, normals(points, view), queries, PointTree(points))[0]
 
 
 def test_frames_are_right_handed_with_the_normal_as_z() -> None:
@@ -118,7 +117,7 @@ def test_frames_turn_with_the_cloud() -> None:
     F = frames(points, view, queries)
     for R in random_rotations(5, np.random.default_rng(4)):
         turned = frames(points @ R.T, view @ R.T, queries)
-        same = np.abs(turned - R @ F).max(axis=(1, 2)) < 1e-6
+        same = np.abs(turned - R @ F).max(axis=(1, 2)) < 1e-4
         assert same.mean() > 0.995  # but for a sign or an axis that hangs on rounding
         np.testing.assert_allclose(turned[:, :, 2], F[:, :, 2] @ R.T, atol=1e-6)
 
@@ -126,7 +125,7 @@ def test_frames_turn_with_the_cloud() -> None:
 def test_frames_exist_where_the_neighbourhood_has_no_direction() -> None:
     """On a line along the normal there is no tangent direction; any will do, but it must be one."""
     points = np.column_stack([np.zeros((50, 2)), np.linspace(-0.1, 0.1, 50)])
-    F = local_frames(points, np.tile([0.0, 0.0, 1.0], (50, 1)), np.arange(50), cKDTree(points))
+    F = local_frames(points, np.tile([0.0, 0.0, 1.0], (50, 1)), np.arange(50), PointTree(points))[0]
     np.testing.assert_allclose(np.swapaxes(F, 1, 2) @ F, np.tile(np.eye(3), (50, 1, 1)), atol=1e-9)
 
 

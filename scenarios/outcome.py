@@ -21,9 +21,9 @@ class Evidence:
 
     Attributes:
         before, after: the workpieces before the arm moved, and after it was home and they had time to rest.
-        closed, lifted, carried: workpieces that both fingers pressed on after closing, after the lift, and when the
-            place pose was reached.
-        released: nothing touched both fingers after opening.
+        closed, lifted, carried: workpieces that the gripper held after closing, after the lift, and when the place
+            pose was reached.
+        released: nothing was held after opening.
         log: of all motions. seconds: simulated time of the attempt.
         pose_ok: the chosen estimate is within tolerance of a workpiece.
     """

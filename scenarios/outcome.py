@@ -71,7 +71,8 @@ def _what_happened(e: Evidence, force_limit: float, time_limit: float) -> Reason
     if not e.carried:
         return Reason.DROPPED
     (part,) = e.carried
-    placed = part in e.after.parts_in(PLACE) and bool(e.after.at_rest[part]) and e.released
+    placed = part in e.after.parts_in(PLACE) and bool(e.after.at_rest[part]) and part not in e.after.on_rim
+    placed = placed and e.released
     return "" if placed and left == {part} else Reason.MISPLACED
 
 

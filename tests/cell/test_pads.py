@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pad_cell import PadCell
-from solids import block, drilled, ribbed, rod
 
 from cell.frames import Array
 from cell.gripper import load_gripper
@@ -17,6 +15,8 @@ from cell.magnet import Magnet
 from cell.suction import VacuumGripper
 from cell.workpiece import Workpiece, load_workpiece
 from cell.world import GRAVITY
+from tests.cell.pad_cell import PadCell
+from tests.cell.solids import block, drilled, ribbed, rod
 
 NewCell = Callable[..., PadCell]
 PLATE = block((0.06, 0.06, 0.02), 0.3)

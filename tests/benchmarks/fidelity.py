@@ -17,12 +17,14 @@ from matplotlib import pyplot as plt
 
 from cell.gripper import load_gripper
 from cell.magnet import Magnet
+from cell.picture import cell_picture
 from cell.suction import VacuumGripper
+from cell.workpiece import load_workpiece
 from cell.world import GRAVITY
 from tests.cell.laws import down_a_slope, drops, fall, jaw, pad_forces, roller, slip_of_a_grip, stack, tracking
-from tests.cell.pad_cell import PadCell
+from tests.cell.pad_cell import FACE, PadCell
 from tests.cell.shaft_cell import carry_shaft
-from tests.cell.solids import block
+from tests.cell.solids import block, turned
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 MASS = 0.3
@@ -168,11 +170,24 @@ def shaft(axes: Any) -> dict[str, float]:
     return figures
 
 
+def gallery() -> None:
+    """A plate on the cup and on the magnet, and the long profile on the bar of cups."""
+    pictures = []
+    for name, eye in (("cup_20", 0.35), ("magnet_20", 0.35), ("cup_bar", 0.9)):
+        workpiece = turned(load_workpiece("ps6d_23")) if name == "cup_bar" else block((0.06, 0.06, 0.02), MASS)
+        cell = PadCell.build(load_gripper(name), workpiece, gap=0.0)
+        x, y, z = FACE
+        pictures.append(cell_picture(cell.world, (x + eye, y - 0.6 * eye, z + 0.25 * eye), (x, y, z + 0.03), 420, 420))
+        cell.world.close()
+    cv2.imwrite(str(IMAGES / "fidelity-grippers.png"), np.hstack(pictures)[:, :, ::-1])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", type=Path, help="write the figures here as well")
     IMAGES.mkdir(exist_ok=True)
     args, out = parser.parse_args(), {}
+    gallery()
     for run, panels in ((grips, 2), (bodies, 2), (pads, 3), (rest, 3), (shaft, 1)):
         figure, axes = plt.subplots(1, panels, figsize=(4.2 * panels if panels > 1 else 7, 3.4), squeeze=False)
         out[run.__name__] = run(axes[0])

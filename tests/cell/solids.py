@@ -74,3 +74,19 @@ def ribbed(size: tuple[float, float, float], mass: float, rib: float, height: fl
     high = trimesh.creation.box(extents=top.size, transform=make_transform(t=top.centre))
     mesh = trimesh.util.concatenate([low, high]) if height == 0 else trimesh.boolean.union([low, high])
     return solid(mesh, mass, 0.5, (plate, top))
+
+
+def turned(workpiece: Workpiece) -> Workpiece:
+    """The same workpiece of boxes, its x axis along y."""
+    R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    boxes = []
+    for box in workpiece.collision_boxes:
+        (length, width, height), (x, y, z) = box.size, box.centre
+        boxes.append(CollisionBox(size=(width, length, height), centre=(-y, x, z)))
+    return replace(
+        workpiece,
+        vertices=workpiece.vertices @ R.T,
+        inertia=R @ workpiece.inertia @ R.T,
+        com=R @ workpiece.com,
+        collision_boxes=tuple(boxes),
+    )

@@ -16,7 +16,7 @@ from cell.suction import VacuumGripper
 from cell.workpiece import Workpiece, load_workpiece
 from cell.world import GRAVITY
 from tests.cell.pad_cell import PadCell
-from tests.cell.solids import block, drilled, ribbed, rod
+from tests.cell.solids import block, drilled, ribbed, rod, turned
 
 NewCell = Callable[..., PadCell]
 PLATE = block((0.06, 0.06, 0.02), 0.3)
@@ -169,24 +169,12 @@ def test_a_lip_follows_a_cylinder_down_to_a_radius(
 
 def test_a_bar_of_cups_carries_the_long_profile_and_seals_beside_its_slots_only(new_cell: NewCell) -> None:
     bar, profile = load_gripper("cup_bar"), load_workpiece("ps6d_23")
-    across = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # its length along the bar
-    turned = replace(
-        profile,
-        vertices=profile.vertices @ across.T,
-        inertia=across @ profile.inertia @ across.T,
-        com=across @ profile.com,
-        collision_boxes=tuple(
-            b.model_copy(
-                update={"size": (b.size[1], b.size[0], b.size[2]), "centre": (-b.centre[1], b.centre[0], b.centre[2])}
-            )
-            for b in profile.collision_boxes
-        ),
-    )
-    cell = new_cell(bar, turned, gap=0.0)
+    along = turned(profile)
+    cell = new_cell(bar, along, gap=0.0)
     assert cell.grip.faces == ("", "", "", "") and cell.held
     weight = profile.mass * GRAVITY
     assert cell.arm.connections[0].load[2] == pytest.approx(weight, rel=0.01)
     pulled = weight + cell.pull(np.array([0, 0, -1.0]), np.zeros(3), 400.0, 400.0)
     assert pulled == pytest.approx(4 * bar.force, rel=0.02)  # type: ignore[union-attr]
-    slot = new_cell(bar, turned, offset=(0.0, 0.20), gap=0.0)  # three cups come over slots
+    slot = new_cell(bar, along, offset=(0.0, 0.20), gap=0.0)  # three cups come over slots
     assert sorted(slot.grip.faces) == ["", "edge", "edge", "edge"]

@@ -105,7 +105,7 @@ def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -
 
 def close_jaws(world: World, arm: Arm, timeout: float = 1.0, settle: float = 0.05) -> JawState:
     """Close with the gripper's force until the fingers have stood still for `settle` [s], at most `timeout` [s]."""
-    arm.drive_jaws(-arm.gripper.speed)
+    arm.drive_jaws(-arm.jaw.speed)
     log = _until_still(world, arm, timeout, settle)
     return JawState(arm.opening, finger_forces(world, arm), held_parts(world, arm), log)
 

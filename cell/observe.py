@@ -11,6 +11,7 @@ from cell.bin import Bin
 from cell.frames import Array
 from cell.world import World
 
+TOUCH = 0.001  # [m] between a workpiece and a wall that it lies on
 ABOVE_RIM = 0.05  # [m] that the centre of a workpiece may stand over the rim of a full bin
 
 
@@ -23,12 +24,14 @@ class Snapshot:
         Ts_world_part: (n, 4, 4), read-only.
         bins: name of the bin in which each workpiece lies, empty for none.
         at_rest: (n,) bool.
+        on_rim: workpieces that lie on the top of a bin's wall, wherever their origin is.
     """
 
     time: float
     Ts_world_part: Array
     bins: tuple[str, ...]
     at_rest: np.ndarray
+    on_rim: tuple[int, ...] = ()
 
     def parts_in(self, bin: str) -> tuple[int, ...]:
         """Workpieces in a bin; '' for those in none, which are held, in flight, or fell out."""
@@ -58,4 +61,21 @@ def observe(world: World, bins: Sequence[Bin], above: float = ABOVE_RIM) -> Snap
             names[i] = bin.name
     at_rest = world.at_rest()
     Ts.flags.writeable = at_rest.flags.writeable = False
-    return Snapshot(world.time, Ts, tuple(names), at_rest)
+    return Snapshot(world.time, Ts, tuple(names), at_rest, _on_rim(world, bins, Ts))
+
+
+def _on_rim(world: World, bins: Sequence[Bin], Ts_world_part: Array) -> tuple[int, ...]:
+    """Workpieces that touch the top of a wall; looked up anew, since Bullet keeps no contacts of what sleeps."""
+    found = set()
+    for bin in bins:
+        rim = bin.position[2] + bin.inner[2]
+        walls = [body for name, body in world.boxes.items() if name.startswith(f"{bin.name}_wall_")]
+        for i, workpiece in enumerate(world.workpieces):
+            if Ts_world_part[i, 2, 3] + np.linalg.norm(workpiece.extents) < rim:
+                continue
+            for wall in walls:
+                points = world.client.getClosestPoints(world.parts[i], wall, TOUCH)
+                # the normal on the wall points to the workpiece
+                if any(p[6][2] > rim - TOUCH and p[7][2] > 0.7 for p in points):
+                    found.add(i)
+    return tuple(sorted(found))

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from pathlib import Path
 
-from cell.bin import Box
 from cell.errors import InputError
-from cell.gripper import Gripper
+from cell.frames import Array
+from cell.pieces import CollisionBox, CollisionCylinder, enclosing_box
+from cell.tool import Gripper, Triple, in_frame
 
-FINGERS = ("finger_left", "finger_right")
 BODY = "gripper_body"
+GREY, ORANGE = "0.16 0.17 0.19 1", "0.85 0.42 0.20 1"
+
+Shape = CollisionBox | CollisionCylinder
 
 
 def merged_urdf(urdf: Path, gripper: Gripper, flange: str) -> str:
     """The text of `urdf` with the gripper fixed to link `flange`.
 
-    The fingers are prismatic joints named `<finger>_joint`, each 0 when its pad is at the centre.
+    What touches workpieces hangs on prismatic joints named `<link>_joint`; a finger's is 0 when its pad is at the
+    centre, that of cups or magnets when their spring is at rest.
 
     Raises:
         InputError: the file is missing or not XML, or has no such link.
@@ -33,28 +38,34 @@ def merged_urdf(urdf: Path, gripper: Gripper, flange: str) -> str:
     for link in root.iter("link"):
         if link.find("inertial") is None:  # PyBullet would give it 1 kg
             _inertial(link, 1e-3, (0.01, 0.01, 0.01), (0.0, 0.0, 0.0))
-    body, fingers = gripper.flange_boxes(0.0)[:-2], gripper.flange_boxes(0.0)[-2:]
-    _link(root, BODY, body, gripper.body_mass, "0.16 0.17 0.19 1")
+    body = in_frame(gripper.body_boxes(), gripper.T_flange_tool)
+    _link(root, BODY, [CollisionBox(size=b.size, centre=_triple(b.T_world_box)) for b in body], gripper.body_mass, GREY)
     _joint(root, f"{BODY}_joint", "fixed", flange, BODY)
-    for name, box, axis in zip(FINGERS, fingers, ("-1 0 0", "1 0 0"), strict=True):
-        _link(root, name, [box], gripper.finger_mass, "0.85 0.42 0.20 1")
-        joint = _joint(root, f"{name}_joint", "prismatic", BODY, name)
-        ElementTree.SubElement(joint, "axis", xyz=axis)
+    for part in gripper.links():
+        _link(root, part.name, part.shapes, part.mass, ORANGE)
+        joint = _joint(root, f"{part.name}_joint", "prismatic", BODY, part.name)
+        ElementTree.SubElement(joint, "axis", xyz=" ".join(f"{a:g}" for a in part.axis))
         ElementTree.SubElement(
-            joint, "limit", lower="0", upper=str(gripper.max_opening / 2), effort="1000", velocity=str(gripper.speed)
+            joint, "limit", lower="0", upper=str(part.travel), effort="1000", velocity=str(part.speed)
         )
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _link(root: ElementTree.Element, name: str, boxes: list[Box], mass: float, rgba: str) -> None:
+def _link(root: ElementTree.Element, name: str, shapes: Sequence[Shape], mass: float, rgba: str) -> None:
     link = ElementTree.SubElement(root, "link", name=name)
-    largest = max(boxes, key=lambda b: b.size[0] * b.size[1] * b.size[2])
-    _inertial(link, mass, largest.size, tuple(largest.T_world_box[:3, 3]))
-    for box in boxes:
+    size, T = max((enclosing_box(piece) for piece in shapes), key=lambda box: box[0][0] * box[0][1] * box[0][2])
+    _inertial(link, mass, size, _triple(T))
+    for piece in shapes:
         for kind in ("visual", "collision"):
             shape = ElementTree.SubElement(link, kind)
-            ElementTree.SubElement(shape, "origin", xyz=_text(box.T_world_box[:3, 3]))
-            ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", size=_text(box.size))
+            origin = ElementTree.SubElement(shape, "origin", xyz=_text(piece.centre))
+            if any(piece.rpy):
+                origin.set("rpy", _text(piece.rpy))
+            geometry = ElementTree.SubElement(shape, "geometry")
+            if isinstance(piece, CollisionBox):
+                ElementTree.SubElement(geometry, "box", size=_text(piece.size))
+            else:
+                ElementTree.SubElement(geometry, "cylinder", radius=str(piece.radius), length=str(piece.length))
             if kind == "visual":
                 material = ElementTree.SubElement(shape, "material", name=f"{name}_colour")
                 ElementTree.SubElement(material, "color", rgba=rgba)
@@ -77,6 +88,12 @@ def _joint(root: ElementTree.Element, name: str, kind: str, parent: str, child: 
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)
     return joint
+
+
+def _triple(T: Array) -> Triple:
+    """Origin of a transform (4, 4)."""
+    x, y, z = T[:3, 3].tolist()
+    return x, y, z
 
 
 def _text(values: object) -> str:

@@ -19,6 +19,7 @@ from cell.errors import InputError
 from cell.frames import Array
 from cell.optics import Optics
 from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, enclosing_box, read_hulls
+from cell.raycast import RayCaster, make_caster
 from cell.symmetry import Symmetry
 
 SHIPPED = Path(__file__).resolve().parent.parent / "scenarios" / "workpieces"
@@ -51,6 +52,7 @@ class WorkpieceConfig(Config):
     material: str
     density: float = Field(gt=10, lt=30000, description="[kg/m3]")
     friction: float = Field(gt=0, le=2)
+    magnetic: bool = Field(False, description="a magnet holds it, as steel and cast iron")
     optics: Optics = Optics()
     symmetry: SymmetryConfig = SymmetryConfig()
     collision_boxes: tuple[CollisionBox, ...] = ()
@@ -68,6 +70,7 @@ class Workpiece:
         vertices, faces: the exact mesh (n, 3) and (m, 3), read-only.
         mass: in [kg]; com: centre of mass (3,); inertia: (3, 3) about the centre of mass in [kg m2].
         tolerance: T_e, the distance under which an estimate counts as right.
+        magnetic: a magnet holds it.
     """
 
     name: str
@@ -85,6 +88,7 @@ class Workpiece:
     collision_hulls: tuple[CollisionHull, ...]
     heap: HeapConfig
     tolerance: float
+    magnetic: bool = False
 
     @property
     def extents(self) -> Array:
@@ -118,6 +122,11 @@ class Workpiece:
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """Casts rays against the CAD, in its frame."""
+        return make_caster(self.vertices, self.faces)
 
     def sample_surface(self, n: int, seed: int = 0) -> tuple[Array, Array]:
         """Points and outward normals, each (n, 3), uniform over the surface."""
@@ -187,6 +196,7 @@ def _load(folder: Path) -> Workpiece:
         collision_hulls=hulls,
         heap=config.heap,
         tolerance=config.tolerance,
+        magnetic=config.magnetic,
     )
 
 

@@ -8,7 +8,7 @@ saveState/restoreState is not exact for compound shapes, and a bad body id is ig
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,9 @@ class World:
         dt: time step in [s].
         time: simulated time in [s].
         client: the PyBullet client; used within `cell` only.
-        parts: body ids of the workpieces in the order in which they were added.
+        parts: body ids of the workpieces in the order in which they were added; workpieces: what they are.
+        held: indices of workpieces that must not be put to sleep, since a connection moves them and no touch.
+        after_step: called after every single step, in order: what must not be missed, whoever lets time pass.
     """
 
     def __init__(self, dt: float = TIMESTEP, solver_iterations: int = 50) -> None:
@@ -61,6 +63,9 @@ class World:
         self.steps = 0
         self.boxes: dict[str, int] = {}
         self.parts: list[int] = []
+        self.workpieces: list[Workpiece] = []
+        self.held: set[int] = set()
+        self.after_step: list[Callable[[], None]] = []
         self._T_part_inertial: list[Array] = []
         self._names: dict[int, str] = {}
         self._quiet = np.zeros(0, dtype=bool)
@@ -138,6 +143,7 @@ class World:
         )
         self._names[int(body)] = f"part {len(self.parts)}"
         self.parts.append(int(body))
+        self.workpieces.append(workpiece)
         self._T_part_inertial.append(T_part_inertial)
         return len(self.parts) - 1
 
@@ -178,6 +184,8 @@ class World:
         """Advance n time steps."""
         for _ in range(n):
             self.client.stepSimulation()
+            for watch in self.after_step:
+                watch()
         self.steps += n
 
     def run(self, seconds: float) -> None:
@@ -206,8 +214,13 @@ class World:
 
     def sleep(self) -> None:
         """Put every workpiece to sleep where it lies."""
-        for body in self.parts:
-            self.client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
+        for i, body in enumerate(self.parts):
+            if i not in self.held:
+                self.client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
+
+    def wake(self, index: int) -> None:
+        """Wake one workpiece; Bullet wakes by itself only what is touched."""
+        self.client.changeDynamics(self.parts[index], -1, activationState=pybullet.ACTIVATION_STATE_WAKE_UP)
 
     def doze(self) -> None:
         """Put workpieces to sleep that are at rest now and were at the last call; call it every 100 ms or so.
@@ -216,7 +229,7 @@ class World:
         """
         quiet = self.at_rest()
         if len(self._quiet) == len(quiet):
-            for i in np.flatnonzero(quiet & self._quiet):
+            for i in sorted(set(np.flatnonzero(quiet & self._quiet).tolist()) - self.held):
                 self.client.changeDynamics(self.parts[i], -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
         self._quiet = quiet
 

@@ -21,9 +21,9 @@ class Evidence:
 
     Attributes:
         before, after: the workpieces before the arm moved, and after it was home and they had time to rest.
-        closed, lifted, carried: workpieces that both fingers pressed on after closing, after the lift, and when the
-            place pose was reached.
-        released: nothing touched both fingers after opening.
+        closed, lifted, carried: workpieces that the gripper held after closing, after the lift, and when the place
+            pose was reached.
+        released: nothing was held after opening.
         log: of all motions. seconds: simulated time of the attempt.
         pose_ok: the chosen estimate is within tolerance of a workpiece.
     """
@@ -71,7 +71,8 @@ def _what_happened(e: Evidence, force_limit: float, time_limit: float) -> Reason
     if not e.carried:
         return Reason.DROPPED
     (part,) = e.carried
-    placed = part in e.after.parts_in(PLACE) and bool(e.after.at_rest[part]) and e.released
+    placed = part in e.after.parts_in(PLACE) and bool(e.after.at_rest[part]) and part not in e.after.on_rim
+    placed = placed and e.released
     return "" if placed and left == {part} else Reason.MISPLACED
 
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from cell.bin import Box
 from cell.camera import DepthFrame
-from cell.execute import close_jaws, execute, held_parts, open_jaws, wait
+from cell.execute import execute, wait
 from cell.frames import Array, invert, to_quat_xyzw
+from cell.grip import grip, held, release
 from cell.gripper import in_frame
 from cell.observe import Snapshot
 from grasping.candidates import GraspCandidate, Selection, select
@@ -221,14 +222,14 @@ def in_rounds(candidates: list[GraspCandidate]) -> list[int]:
 def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: int) -> PickRequest:
     """What the planner is asked for one candidate."""
     T_tool_part = invert(candidate.T_part_tool)
-    held = tuple(Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes()))
+    boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
     return PickRequest(
         q_start=cell.robot.home,
         q_end=cell.robot.home,
         T_base_tool_grasp=candidate.T_world_tool,
         Ts_base_tool_place=memory.place.tool_poses(candidate.T_part_tool),
         T_flange_tool=cell.gripper.T_flange_tool,
-        held_tool=tuple(in_frame(list(held), T_tool_part)),
+        held_tool=tuple(in_frame(boxes, T_tool_part)),
         approach=candidate.point.approach_distance,
         retract=candidate.point.retract_distance,
         place_height=PLACE_LINE,
@@ -260,25 +261,25 @@ def move(
     closed: tuple[int, ...] = ()
     lifted, carried, released = closed, closed, False
     if not log.stopped:
-        jaws = close_jaws(world, arm)
-        closed, log = jaws.parts, log + jaws.log
+        taken = grip(world, arm)
+        closed, log = taken.parts, log + taken.log
         if staged:
             snap(cell, pictures, "grasp")
         if not closed:
-            log += open_jaws(world, arm, candidate.opening).log
+            log += release(world, arm, candidate.opening).log
             log += execute(world, arm, plan.approach.q[::-1], stop_above=limit)
     if closed:
         log += execute(world, arm, plan.lift.q, stop_above=limit)
-        lifted = held_parts(world, arm)
+        lifted = held(world, arm)
         if staged:
             snap(cell, pictures, "lift")
     if closed and not log.stopped:
         log += execute(world, arm, plan.carry.q, stop_above=limit)
-        carried = () if log.stopped else held_parts(world, arm)
+        carried = () if log.stopped else held(world, arm)
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        opened = open_jaws(world, arm, release_opening(cell, candidate.opening))
+        opened = release(world, arm, release_opening(cell, candidate.opening))
         released = not opened.parts
         log += opened.log + wait(world, arm, FALL_TIME)
         log += execute(world, arm, plan.leave.q, stop_above=limit)

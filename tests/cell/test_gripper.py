@@ -12,7 +12,8 @@ import yaml
 from cell.errors import InputError
 from cell.frames import make_transform
 from cell.gripper import SHIPPED, Gripper, in_frame, list_grippers, load_gripper
-from cell.urdf import FINGERS, merged_urdf
+from cell.jaw import FINGERS
+from cell.urdf import merged_urdf
 
 URDF = """<robot name="stick"><link name="base"/><link name="arm"/><link name="tool0"/>
 <joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>

@@ -60,7 +60,8 @@ def roi_mask(frame: DepthFrame, bin: Bin, margin: float = FLOOR_MARGIN) -> np.nd
 
 def ray_slopes(K: Intrinsics) -> tuple[Array, Array]:
     """x of each column (1, w) and y of each row (h, 1) of the rays with z = 1."""
-    return (np.arange(K.width)[None, :] - K.cx) / K.fx, (np.arange(K.height)[:, None] - K.cy) / K.fy
+    u, v = np.arange(K.width, dtype=np.float64)[None, :], np.arange(K.height, dtype=np.float64)[:, None]
+    return (u - K.cx) / K.fx, (v - K.cy) / K.fy
 
 
 def scene_cloud(frame: DepthFrame, mask: np.ndarray, unit: float) -> Cloud:

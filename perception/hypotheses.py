@@ -263,7 +263,7 @@ def gather(
     """
     assert votes.cad_coordinates is not None
     # products of thousands of poses and votes: every distance and every moment is linear in these terms of a vote
-    middle = votes.points.mean(0)
+    middle = votes.points.mean(0) if len(votes) else np.zeros(3)
     p, axis = (torch.from_numpy(x.astype(np.float32)) for x in (votes.points - middle, shape.long_axis))
     models = [torch.from_numpy((votes.cad_coordinates @ s.T).astype(np.float32)) for s in shape.symmetry.S]
     terms = [_terms(p, model) for model in models]
@@ -273,7 +273,7 @@ def gather(
         least = torch.stack(square).amin(0) if len(square) > 1 else square[0]
         weight = (1 - least / reach**2).clamp_(min=0)
         parts = [torch.where(own == least, weight, 0.0) for own in square] if len(square) > 1 else [weight]
-        moments = sum(part @ term for part, term in zip(parts, terms, strict=True))
+        moments = torch.stack([part @ term for part, term in zip(parts, terms, strict=True)]).sum(0)
         total = moments[:, :1].clamp(min=1e-6)
         b, a = moments[:, 1:4] / total, moments[:, 4:7] / total
         cross = moments[:, 7:16].view(-1, 3, 3) - total[..., None] * b[:, :, None] * a[:, None]

@@ -89,7 +89,7 @@ class PointTree:
 
     def __init__(self, points: Array) -> None:
         self._points = np.ascontiguousarray(points, dtype=np.float32)
-        self._index = cv2.flann_Index(self._points, {"algorithm": KDTREE_SINGLE, "leaf_max_size": 32})
+        self._index = cv2.flann.Index(self._points, {"algorithm": KDTREE_SINGLE, "leaf_max_size": 32})
 
     def nearest(self, queries: Array, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Distances and indices (m, k), nearest first; the last is repeated where fewer than k points exist."""

@@ -88,7 +88,7 @@ def test_where_the_cell_stands_in_the_world_does_not_matter() -> None:
     G[:3, 3] = (1.0, -2.0, 0.5)
     bin = heap_bin(bracket())
     moved_bin = type(bin)(bin.name, bin.inner, bin.wall, tuple((G @ [*bin.position, 1.0])[:3].tolist()), 0.8)
-    moved = DepthFrame(frame.depth, frame.intrinsics, G @ frame.T_world_camera)
+    moved = DepthFrame(frame.depth, frame.intrinsics, G @ frame.T_world_camera, frame.sigma)
     result = perception().perceive(moved, moved_bin, np.random.default_rng(0))
     assert len(result.estimates) == len(perceived(0).estimates)
     for a, b in zip(result.estimates, perceived(0).estimates, strict=True):

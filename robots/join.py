@@ -135,6 +135,11 @@ def join(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, seed: int | 
     return concatenate(name, parts), method
 
 
+def duration(robot: RobotModel, motion: Motion, pace: Pace) -> float:
+    """Of a motion at a pace, in [s]."""
+    return motion.duration / _scale(robot, motion, pace)
+
+
 def describe(contact: Contact | None) -> str:
     """What a contact says to a reader."""
     return "nothing" if contact is None else f"{contact[0]} touches {contact[1]}"
@@ -157,7 +162,7 @@ def _fly(scene: CollisionScene, start: Stop, end: Stop, k: int, pace: Pace, name
     for motion in flights(robot, ends[0], ends[1], shares):
         if motion.duration / pace.speed >= best and len(options) >= FLIGHTS_CHECKED:
             continue
-        scale = _scale(scene, motion, pace)
+        scale = _scale(robot, motion, pace)
         options.append((motion.duration / scale, scale, motion))
         best = min(best, options[-1][0])
     for _, scale, motion in sorted(options, key=lambda o: o[0])[:FLIGHTS_CHECKED]:
@@ -199,7 +204,7 @@ def _on_line(scene: CollisionScene, q: Array, stop: Stop) -> int:
 
 def _run(scene: CollisionScene, line: JointPath, pace: Pace, name: str) -> Trajectory:
     """Along a line from rest to rest."""
-    return _sampled(scene, path_motion(scene.robot, line), pace, name)
+    return _sampled(scene.robot, path_motion(scene.robot, line), pace, name)
 
 
 def _along(scene: CollisionScene, waypoints: Array, pace: Pace, name: str) -> Trajectory:
@@ -211,21 +216,17 @@ def _along(scene: CollisionScene, waypoints: Array, pace: Pace, name: str) -> Tr
         curve = JointPath(CubicSpline(s / s[-1], waypoints, axis=0))
         smooth = path_motion(robot, curve)
         q = curve.spline(np.linspace(0.0, 1.0, 200))
-        quicker = _duration(scene, smooth, pace) < sum(_duration(scene, m, pace) for m in stops)
+        quicker = duration(robot, smooth, pace) < sum(duration(robot, m, pace) for m in stops)
         if quicker and robot.within_limits(q).all() and scene.free_path(q):
-            return _sampled(scene, smooth, pace, name)
-    return concatenate(name, [_sampled(scene, m, pace, name) for m in stops])
+            return _sampled(robot, smooth, pace, name)
+    return concatenate(name, [_sampled(robot, m, pace, name) for m in stops])
 
 
-def _scale(scene: CollisionScene, motion: Motion, pace: Pace) -> float:
+def _scale(robot: RobotModel, motion: Motion, pace: Pace) -> float:
     if pace.acceleration is None:
         return pace.speed
-    return min(pace.speed, gentle_scale(scene.robot, motion, pace.T_flange_tool, pace.acceleration))
+    return min(pace.speed, gentle_scale(robot, motion, pace.T_flange_tool, pace.acceleration))
 
 
-def _duration(scene: CollisionScene, motion: Motion, pace: Pace) -> float:
-    return motion.duration / _scale(scene, motion, pace)
-
-
-def _sampled(scene: CollisionScene, motion: Motion, pace: Pace, name: str) -> Trajectory:
-    return Trajectory(name, *motion.sampled(pace.dt, _scale(scene, motion, pace)), pace.dt)
+def _sampled(robot: RobotModel, motion: Motion, pace: Pace, name: str) -> Trajectory:
+    return Trajectory(name, *motion.sampled(pace.dt, _scale(robot, motion, pace)), pace.dt)

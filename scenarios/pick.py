@@ -207,13 +207,13 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
     return Decision(None, None, reason, refused)
 
 
-def release_opening(cell: Workcell, planned: float) -> float:
-    """How far to open over the place, in [m]: so that nothing sticks, yet no finger meets a wall of the bin.
+def release_opening(cell: Workcell, planned: float, T_world_tool: Array) -> float:
+    """How far to open at a TCP pose over the place, in [m]: so that nothing sticks, yet no finger meets a wall of the bin.
 
     A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
     """
     for opening in (planned + extra for extra in RELEASE_EXTRA if planned + extra <= cell.gripper.max_opening):
-        if not OpenGripper.of(cell.gripper.boxes(opening)).hits_bin(cell.arm.tool_pose()[None], cell.place)[0]:
+        if not OpenGripper.of(cell.gripper.boxes(opening)).hits_bin(T_world_tool[None], cell.place)[0]:
             return opening
     return planned
 
@@ -298,7 +298,7 @@ def move(
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        opened = open_jaws(world, arm, release_opening(cell, candidate.opening))
+        opened = open_jaws(world, arm, release_opening(cell, candidate.opening, arm.tool_pose()))
         released = not opened.parts
         log += opened.log + wait(world, arm, FALL_TIME)
         log += execute(world, arm, plan.leave.q, stop_above=limit)

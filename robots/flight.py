@@ -17,7 +17,7 @@ from cell.frames import Array
 from robots.model import RobotModel
 from robots.timing import JointPath, Junction, Motion, joint_segment
 
-RAMP_SHARES = (1.0, 0.8, 0.6)  # speeds at a junction that are tried, as fractions of the highest
+RAMP_SHARES = (1.0, 0.75)  # speeds at a junction that are tried, as fractions of the highest
 _GRID = np.linspace(0.0, 1.0, 9)
 
 
@@ -102,8 +102,9 @@ def flights(
     Args:
         shares: of the arm's speed that the flight may use.
     """
+    landings = list(_ends(end))
     for take_off, before, _ in _ends(start):
-        for touch_down, after, q_end in _ends(end):
+        for touch_down, after, q_end in landings:
             for share in shares:
                 air = joint_segment(model, take_off, touch_down, share)
                 if air is not None:

@@ -64,10 +64,30 @@ class JointSegment:
     def duration(self) -> float:
         return float(self.profile.duration)
 
+    @cached_property
+    def _phases(self) -> tuple[Array, Array] | None:
+        """Start times (6, 8) of the phases of constant jerk and (4, 6, 8) position, velocity, acceleration and jerk there.
+
+        None where a phase comes before or after these, as Ruckig has it when a limit is not kept at an end.
+        """
+        joints = self.profile.profiles[0]
+        if any(p.brake.duration > 0.0 or p.accel.duration > 0.0 for p in joints):
+            return None
+        starts = np.array([np.concatenate([[0.0], np.cumsum(p.t)]) for p in joints])
+        jerks = np.array([[*p.j, 0.0] for p in joints])
+        return starts, np.stack([np.array([getattr(p, name) for p in joints]) for name in "pva"] + [jerks])
+
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Positions and velocities (n, 6) at times (n,) in [s]."""
-        states = [self.profile.at_time(t) for t in times]
-        return np.array([s[0] for s in states]).reshape(-1, 6), np.array([s[1] for s in states]).reshape(-1, 6)
+        """Positions and velocities (n, 6) at times (n,) in [s]; all at once, as Ruckig's own way takes 2 us for each."""
+        if self._phases is None:
+            states = [self.profile.at_time(t) for t in times]
+            return np.array([s[0] for s in states]).reshape(-1, 6), np.array([s[1] for s in states]).reshape(-1, 6)
+        starts, phases = self._phases
+        k = (np.asarray(times)[:, None, None] >= starts).sum(axis=2).clip(1) - 1
+        joint = np.arange(6)
+        p, v, a, j = phases[:, joint, k]
+        t = np.asarray(times)[:, None] - starts[joint, k]
+        return p + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,7 +146,7 @@ def concatenate(name: str, trajectories: Sequence[Trajectory]) -> Trajectory:
     return Trajectory(name, q, qd, first.dt)
 
 
-def tool_acceleration(model: RobotModel, motion: Motion, T_flange_tool: Array, step: float = 0.008) -> float:
+def tool_acceleration(model: RobotModel, motion: Motion, T_flange_tool: Array, step: float = 0.010) -> float:
     """Largest acceleration of the TCP at full speed in [m/s2], by second differences `step` [s] apart."""
     points = (flange_poses(model, motion.sampled(step)[0]) @ T_flange_tool)[:-1, :3, 3]
     if len(points) < 3:

@@ -26,6 +26,7 @@ Contact = tuple[str, str]
 
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
 PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
+THICK = 0.25  # of the upper arm's length: radius of the links around the wrist centre; twice that around the elbow
 MAX_KNOT_STEP = 0.05  # [rad] between two joint vectors between which the travel of all points is measured
 
 
@@ -135,7 +136,9 @@ class CollisionScene:
         cells = np.array([[0.0, travel[-1]]])
         for margin in MARGINS:
             cells = _split(cells, 2 * margin)
-            close = [k for k, q in enumerate(_at_length(travel, knots, cells.mean(axis=1))) if not checker.free(q, margin)]
+            close = [
+                k for k, q in enumerate(_at_length(travel, knots, cells.mean(axis=1))) if not checker.free(q, margin)
+            ]
             cells = cells[close]
             middles = _at_length(travel, knots, cells.mean(axis=1))
             hit = next((middles[k] for k in _coarse_to_fine(len(close)) if not checker.free(middles[k])), None)
@@ -155,18 +158,19 @@ class CollisionScene:
         at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(steps))])
         knots = np.stack([np.interp(at, np.arange(len(qs)), qs[:, j]) for j in range(6)], axis=1)
         opw = self.robot.opw
-        points = apply(flange_poses(self.robot, knots), self._marks)
+        Ts = flange_poses(self.robot, knots)
+        points = apply(Ts, self.corners)
+        wrist = Ts[:, :3, 3] - opw.c4 * Ts[:, :3, 2]
         turned = np.abs(np.diff(knots, axis=0))
-        thick = 0.1  # [m] of links around elbow and wrist centre
-        elbow = turned[:, :3] @ (opw.a1 + opw.c2 + thick, opw.c2 + thick, thick)
+        around = np.linalg.norm(np.diff(wrist, axis=0), axis=1) + self._thick * turned.sum(axis=1)
+        reach = 2 * self._thick
+        elbow = turned[:, :3] @ (opw.a1 + opw.c2 + reach, opw.c2 + reach, reach)
         marks = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(axis=1, initial=0.0)
-        return knots, np.concatenate([[0.0], np.cumsum(1.05 * np.maximum(marks, elbow))])
+        return knots, np.concatenate([[0.0], np.cumsum(1.05 * np.max([marks, around, elbow], axis=0))])
 
     @property
-    def _marks(self) -> Array:
-        """Corners of tool and held part and points around the wrist centre (n, 3), in the flange frame."""
-        around = np.array([[x, y, 0.0] for x in (-0.06, 0.06) for y in (-0.06, 0.06)]) - (0.0, 0.0, self.robot.opw.c4)
-        return np.concatenate([around, self.corners])
+    def _thick(self) -> float:
+        return THICK * self.robot.opw.c2
 
     @property
     def corners(self) -> Array:
@@ -194,12 +198,14 @@ class _Checker:
         last = self.model.njoints - 1
         T_joint_flange = frames[scene.robot.flange].placement
 
-        shrunk = [np.maximum(np.array(b.size) - 2 * tolerance, 1e-4) for b in held]
+        sizes = [np.maximum(np.array(b.size) - 2 * tolerance, 1e-4) for b in held]
+        shrunk = [
+            replace(b, size=(float(size[0]), float(size[1]), float(size[2])))
+            for b, size in zip(held, sizes, strict=True)
+        ]
         tool = [self._add(b.name, last, T_joint_flange, b) for b in scene.tool_boxes]
         part = [self._add("held", last, T_joint_flange, b) for b in held]
-        slim = [
-            self._add("held", last, T_joint_flange, replace(b, size=tuple(s))) for b, s in zip(held, shrunk, strict=True)
-        ]
+        slim = [self._add("held", last, T_joint_flange, b) for b in shrunk]
         fixed = [self._add(b.name, 0, pin.SE3.Identity(), b) for b in scene.obstacles]
         ground = []
         if scene._ground is not None:
@@ -221,7 +227,9 @@ class _Checker:
         self.geometry_data = self.geometry.createData()
         index = {(p.first, p.second): k for k, p in enumerate(self.geometry.collisionPairs)}
         slim_only = [k for p, k in index.items() if set(p) & set(slim)]
-        transit_only = [k for p, k in index.items() if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))]
+        transit_only = [
+            k for p, k in index.items() if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
+        ]
         self._only: dict[Mode, list[int]] = {"transit": transit_only, "contact": slim_only}
         self._carried = {*tool, *part, *slim}
         self._mode: Mode | None = None

@@ -1,8 +1,8 @@
 """Motions that stop only where the process must: off a straight tool line, through the air, onto the next line.
 
 The standard program of a picking robot, lines at the part and free moves with rounded corners between them: the tool
-accelerates along a line from rest, leaves it in flight, and comes to rest at the end of another line. Position, velocity
-and acceleration match at both junctions, so the whole motion keeps the arm's velocity, acceleration and jerk limits.
+accelerates along a line from rest, leaves it in flight, and comes to rest at the end of another line. Position,
+velocity and acceleration match at both junctions, so the whole motion keeps the arm's limits.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def quickest_ramp(model: RobotModel, path: JointPath, length: float, landing: bo
     if limit is not None:
         acceleration = min(acceleration, limit / length)
     ramp = Ramp(path, float((model.jerk / steepest).min()), acceleration, landing)
-    s, sd, sdd = ramp.law(np.linspace(0.0, ramp.duration, 2 * len(_GRID)))
+    s, sd, sdd = ramp.law(np.linspace(0.0, ramp.duration, 201))
     d1, d2, d3 = (path.spline(np.clip(s, 0.0, 1.0), k) for k in (1, 2, 3))
     jerk = np.where(sdd < acceleration, ramp.jerk, 0.0)[:, None]
     sd, sdd = sd[:, None], sdd[:, None]
@@ -91,7 +91,7 @@ def quickest_ramp(model: RobotModel, path: JointPath, length: float, landing: bo
         float((np.abs(d2 * sd**2 + d1 * sdd) / model.acceleration).max()) ** (1 / 2),
         float((np.abs(d3 * sd**3 + 3 * d2 * sd * sdd + d1 * jerk) / model.jerk).max()) ** (1 / 3),
     )
-    return ramp.slower(min(1.0, 0.999 / over))
+    return ramp.slower(min(1.0, 0.998 / over))
 
 
 def flights(

@@ -44,8 +44,8 @@ class PickRequest:
         approach: length of the last line along tool z [m]; retract: of the first line with the part, along the unit
             vector `retract_direction` in the world; place_height: of the vertical line down to a place pose; depart: of
             the vertical line away from q_start, 0 for none.
-        straight: length that is kept straight of each of these lines where the rest of it may be rounded into the flight
-            without a touch [m]; None for the whole lines.
+        straight: length that is kept straight of each of these lines where the rest of it may be rounded into the
+            flight without a touch [m]; None for the whole lines.
         place_rank: (k,) how much each place pose is wanted, the least first; among equals the quickest to reach is
             taken. None for the order given.
         speed: in (0, 1] of the arm's speed, see `robots.trajectory`.

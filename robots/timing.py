@@ -66,7 +66,7 @@ class JointSegment:
 
     @cached_property
     def _phases(self) -> tuple[Array, Array] | None:
-        """Start times (6, 8) of the phases of constant jerk and (4, 6, 8) position, velocity, acceleration and jerk there.
+        """Start times (6, 8) of phases of constant jerk and (4, 6, 8) position, velocity, acceleration, jerk there.
 
         None where a phase comes before or after these, as Ruckig has it when a limit is not kept at an end.
         """
@@ -78,7 +78,7 @@ class JointSegment:
         return starts, np.stack([np.array([getattr(p, name) for p in joints]) for name in "pva"] + [jerks])
 
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Positions and velocities (n, 6) at times (n,) in [s]; all at once, as Ruckig's own way takes 2 us for each."""
+        """Positions and velocities (n, 6) at times (n,) in [s], all at once; Ruckig takes 2 us for each."""
         if self._phases is None:
             states = [self.profile.at_time(t) for t in times]
             return np.array([s[0] for s in states]).reshape(-1, 6), np.array([s[1] for s in states]).reshape(-1, 6)

@@ -1,8 +1,8 @@
 """`pickproof benchmark motion`: how quick the arm is on real picks, beside what limits allow, and what planning costs.
 
-Bins are filled and grasps chosen as in a run, with perfect poses; each pick is planned from where the last one ended, its
-workpiece is put where the plan lets it go, and the next image is taken. Nothing is executed: jaws are timed by
-`jaw_times`, which a test holds against a run. Times of computation are those of one core.
+Bins are filled and grasps chosen as in a run, with perfect poses; each pick is planned from where the last one ended,
+its workpiece is put where the plan lets it go, and the next image is taken. Nothing is executed: jaws are timed by
+`jaw_times`, which a test holds against the physics. Times of computation are those of one core.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from robots.bound import lower_bound, stop_at_each
 from robots.collision import CollisionScene
 from robots.inverse import inverse
 from robots.model import RobotModel
-from robots.plan import PickPlan, PickRequest, plan_pick
+from robots.plan import PickPlan, PickRequest
 from scenarios.episode import oracle_perception
 from scenarios.pick import FALL_TIME, Decision, Memory, choose, decide, release_opening, request_of
 from scenarios.place import PlacePlan
@@ -77,7 +78,9 @@ def main_benchmark_motion(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario)
     measured = list(measure(scenario, args.picks))
     if not any(m.steady for m in measured):
-        raise InputError("command line", "SCENARIO", args.scenario, "one whose workpieces can be picked one after another")
+        raise InputError(
+            "command line", "SCENARIO", args.scenario, "one whose workpieces can be picked one after another"
+        )
     figures = summary(measured)
     if args.json is not None:
         args.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
@@ -104,8 +107,8 @@ def measure(scenario: Scenario, picks: int) -> Iterator[Measured]:
 def summary(measured: list[Measured]) -> dict[str, Any]:
     """The figures as they are written: times of the robot over the picks that began where another ended.
 
-    `cycle_over_bound` holds the whole cycle against the bound of its motion and the same time of the jaws, with which no
-    motion can do away; `motion_over_bound` the motion against the bound of the motion.
+    `cycle_over_bound` holds the whole cycle against the bound of its motion and the same time of the jaws, which no
+    motion can save; `motion_over_bound` the motion against the bound of the motion.
     """
     steady = [m for m in measured if m.steady]
     motion, jaws, bound, stop = (
@@ -137,7 +140,7 @@ def _empty(cell: Workcell, seed: int, picks: int) -> Iterator[Measured]:
         estimates = oracle_perception(cell, frame, ids, rng)
         selection = choose(cell, frame, estimates, memory, attempt)
         plan_seed = int(rng.integers(2**31))
-        plan_s, decision = _quickest(lambda: decide(cell, frame, selection, memory, plan_seed))
+        plan_s, decision = _quickest(partial(decide, cell, frame, selection, memory, plan_seed))
         if decision.candidate is None or decision.plan is None:
             return
         request = request_of(cell, decision.candidate, memory, plan_seed)

@@ -75,7 +75,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
-    benchmark = commands.add_parser("benchmark", help="`perception`: compare it with its peers and ablations; `motion`: time robot and planning")
+    benchmark = commands.add_parser("benchmark", help="perception against its peers; motion against its bound")
     fit_score = commands.add_parser("fit-score", help="calibrate a workpiece's score on validation scenes")
     if "train" in words[:1]:
         from perception.train import add_arguments as add_train_arguments

@@ -208,7 +208,7 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
 
 
 def release_opening(cell: Workcell, planned: float, T_world_tool: Array) -> float:
-    """How far to open at a TCP pose over the place, in [m]: so that nothing sticks, yet no finger meets a wall of the bin.
+    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets a wall of the bin.
 
     A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
     """

@@ -19,7 +19,7 @@ HELD_FORCE = 0.5  # [N] of each finger on a workpiece that counts as held
 STILL = 2e-3  # [m/s] finger speed under which the jaws have stopped
 CLOSE_SETTLE = 0.05  # [s] the fingers must have stood still on a workpiece before it is lifted
 OPEN_SETTLE = 0.02  # [s] the fingers must have stood still before the hand leaves
-OPEN_EASE = 0.02  # [s] longer that opening takes than at full speed, measured
+CLOSE_EASE, OPEN_EASE = 0.04, 0.02  # [s] longer that closing and opening take than at full speed, measured
 DOZE_EVERY = 48  # steps between looks for workpieces that have come to rest and can sleep
 MAX_ERROR = 0.02  # [rad] following error at which a controller gives up
 
@@ -127,9 +127,9 @@ def open_jaws(
 def jaw_times(gripper: Gripper, opening: float, width: float, released: float) -> tuple[float, float]:
     """Times in [s] of `close_jaws` from `opening` onto a workpiece of `width`, and of `open_jaws` to `released` [m].
 
-    The fingers reach the gripper's speed at once, next to these times; on opening they ease into the end.
+    The fingers reach the gripper's speed at once, next to these times; they settle on the workpiece.
     """
-    close = (opening - width) / 2 / gripper.speed + CLOSE_SETTLE
+    close = (opening - width) / 2 / gripper.speed + CLOSE_EASE + CLOSE_SETTLE
     return close, (released - width) / 2 / gripper.speed + OPEN_EASE + OPEN_SETTLE
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from cell.bin import Bin, Box, table
 from cell.camera import Intrinsics, look_at
@@ -123,6 +123,11 @@ class CarryConfig(Config):
     speed_scale: float = Field(default=0.7, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
 
 
+def robots() -> list[str]:
+    """Names of the shipped robots, without loading the libraries of their folder."""
+    return sorted(path.parent.name for path in (SHIPPED.parent / "robots").glob("*/robot.yaml"))
+
+
 class Scenario(Config):
     """A bin-picking cell and the job it is given."""
 
@@ -145,6 +150,13 @@ class Scenario(Config):
     limits: LimitsConfig = LimitsConfig()
     stop: StopConfig = StopConfig()
     carry: CarryConfig = CarryConfig()
+
+    @field_validator("robot")
+    @classmethod
+    def _known(cls, robot: str) -> str:
+        if robot not in robots():
+            raise ValueError(f"one of: {', '.join(robots())}")
+        return robot
 
 
 def list_scenarios() -> list[str]:

@@ -12,10 +12,14 @@ import numpy as np
 from cell.arm import Arm
 from cell.errors import SimulationError
 from cell.frames import Array
+from cell.gripper import Gripper
 from cell.world import World
 
 HELD_FORCE = 0.5  # [N] of each finger on a workpiece that counts as held
 STILL = 2e-3  # [m/s] finger speed under which the jaws have stopped
+CLOSE_SETTLE = 0.05  # [s] the fingers must have stood still on a workpiece before it is lifted
+OPEN_SETTLE = 0.02  # [s] the fingers must have stood still before the hand leaves
+CLOSE_EASE, OPEN_EASE = 0.04, 0.02  # [s] longer that closing and opening take than at full speed, measured
 DOZE_EVERY = 48  # steps between looks for workpieces that have come to rest and can sleep
 MAX_ERROR = 0.02  # [rad] following error at which a controller gives up
 
@@ -103,7 +107,7 @@ def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -
     return log
 
 
-def close_jaws(world: World, arm: Arm, timeout: float = 1.0, settle: float = 0.05) -> JawState:
+def close_jaws(world: World, arm: Arm, timeout: float = 1.0, settle: float = CLOSE_SETTLE) -> JawState:
     """Close with the gripper's force until the fingers have stood still for `settle` [s], at most `timeout` [s]."""
     arm.drive_jaws(-arm.jaw.speed)
     log = _until_still(world, arm, timeout, settle)
@@ -111,13 +115,22 @@ def close_jaws(world: World, arm: Arm, timeout: float = 1.0, settle: float = 0.0
 
 
 def open_jaws(
-    world: World, arm: Arm, opening: float | None = None, timeout: float = 1.0, settle: float = 0.02
+    world: World, arm: Arm, opening: float | None = None, timeout: float = 1.0, settle: float = OPEN_SETTLE
 ) -> JawState:
     """Open the pads to `opening` [m] apart (all the way by default) and wait until the fingers stand still."""
     arm.hold_jaws(arm.gripper.max_opening if opening is None else opening)
     forget_contacts(world, arm)
     log = _until_still(world, arm, timeout, settle)
     return JawState(arm.opening, finger_forces(world, arm), held_parts(world, arm), log)
+
+
+def jaw_times(gripper: Gripper, opening: float, width: float, released: float) -> tuple[float, float]:
+    """Times in [s] of `close_jaws` from `opening` onto a workpiece of `width`, and of `open_jaws` to `released` [m].
+
+    The fingers reach the gripper's speed at once, next to these times; they settle on the workpiece.
+    """
+    close = (opening - width) / 2 / gripper.speed + CLOSE_EASE + CLOSE_SETTLE
+    return close, (released - width) / 2 / gripper.speed + OPEN_EASE + OPEN_SETTLE
 
 
 def forget_contacts(world: World, arm: Arm) -> None:

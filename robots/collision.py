@@ -17,15 +17,17 @@ import numpy as np
 import pinocchio as pin
 
 from cell.bin import Box
-from cell.frames import Array, apply, make_transform
+from cell.frames import Array, apply
 from robots.inverse import flange_poses
 from robots.model import RobotModel
 
 Mode = Literal["transit", "contact"]
 Contact = tuple[str, str]
 
-MAX_JOINT_STEP = 0.01  # [rad] between two checks of a path
-MAX_TIP_STEP = 0.008  # [m]; no body is thinner than 3 mm, so a wall of 6 mm cannot slip between two checks
+MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
+PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
+THICK = 0.25  # of the upper arm's length: radius of the links around the wrist centre; twice that around the elbow
+MAX_KNOT_STEP = 0.05  # [rad] between two joint vectors between which the travel of all points is measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +74,9 @@ class CollisionScene:
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
         self._ground = None if heightfield is None else _ground(heightfield)
         self._held: tuple[Box, ...] = ()
+        self._last_held: tuple[Box, ...] = ()
         self._tolerance = 0.0
-        self._checkers: dict[tuple[Mode, bool], _Checker] = {}
+        self._checkers: dict[bool, _Checker] = {}
 
     def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005) -> None:
         """Attach a part, given as boxes in the flange frame; in mode `contact` it is `tolerance` [m] smaller all round.
@@ -81,8 +84,11 @@ class CollisionScene:
         A part at rest touches floor, walls and neighbours; the tolerance keeps an error of its estimated pose from
         reading as a collision.
         """
-        self._held, self._tolerance = tuple(boxes_flange), tolerance
-        self._checkers = {key: c for key, c in self._checkers.items() if not key[1]}
+        held = tuple(boxes_flange)
+        known = len(held) == len(self._last_held) and all(a is b for a, b in zip(held, self._last_held, strict=True))
+        if not known or tolerance != self._tolerance:
+            self._checkers.pop(True, None)
+        self._held, self._last_held, self._tolerance = held, held, tolerance
 
     @property
     def held(self) -> tuple[Box, ...]:
@@ -111,52 +117,78 @@ class CollisionScene:
         return self._checker(mode).contact(q)
 
     def free_path(self, qs: Array, mode: Mode = "transit") -> bool:
-        """Whether the polyline qs (n, 6) in [rad] is free, checked every 0.01 rad and 8 mm of tip travel at most."""
-        checker, samples = self._checker(mode), self._samples(qs)
-        return all(checker.free(samples[i]) for i in _coarse_to_fine(len(samples)))
+        """Whether the polyline qs (n, 6) in [rad] is free: nothing travels more than 1 mm between two checks."""
+        return self._blocked(qs, mode) is None
 
     def path_contact(self, qs: Array, mode: Mode = "transit") -> Contact | None:
         """Like `free_path`, but names a pair that touches somewhere on the way, or None."""
-        checker, samples = self._checker(mode), self._samples(qs)
-        hit = next((i for i in _coarse_to_fine(len(samples)) if not checker.free(samples[i])), None)
-        return None if hit is None else checker.contact(samples[hit])
+        q = self._blocked(qs, mode)
+        return None if q is None else self._checker(mode).contact(q)
 
-    def _samples(self, qs: Array) -> Array:
-        """The polyline with steps of at most MAX_JOINT_STEP and MAX_TIP_STEP; dense input is thinned."""
+    def _blocked(self, qs: Array, mode: Mode) -> Array | None:
+        """A joint vector (6,) on the polyline at which something touches, or None.
+
+        Where everything keeps a margin at one joint vector, all others are free within which no point travels further
+        than that. So a path is checked in cells twice as long as a margin, and only those that come closer in finer
+        ones, down to PATH_STEP.
+        """
+        checker, (knots, travel) = self._checker(mode), self._travel(qs)
+        cells = np.array([[0.0, travel[-1]]])
+        for margin in MARGINS:
+            cells = _split(cells, 2 * margin)
+            close = [
+                k for k, q in enumerate(_at_length(travel, knots, cells.mean(axis=1))) if not checker.free(q, margin)
+            ]
+            cells = cells[close]
+            middles = _at_length(travel, knots, cells.mean(axis=1))
+            hit = next((middles[k] for k in _coarse_to_fine(len(close)) if not checker.free(middles[k])), None)
+            if hit is not None or not close:
+                return hit
+        samples = _at_length(travel, knots, _split(cells, PATH_STEP).mean(axis=1))
+        return next((samples[k] for k in _coarse_to_fine(len(samples)) if not checker.free(samples[k])), None)
+
+    def _travel(self, qs: Array) -> tuple[Array, Array]:
+        """Joint vectors (m, 6) on the polyline, and how far (m,) any point of arm, tool or part has travelled at most.
+
+        A body between two points that are measured travels no further than the one of them that travels most. The 5 %
+        are for arcs between knots.
+        """
         qs = np.asarray(qs, dtype=np.float64).reshape(-1, 6)
-        length = np.abs(np.diff(qs, axis=0)).max(axis=1, initial=0.0) / MAX_JOINT_STEP
-        s = np.concatenate([[0.0], np.cumsum(length)])
-        corners = s[1:-1][(length[:-1] > 0.5) | (length[1:] > 0.5)]
-        at = np.union1d(np.linspace(0.0, s[-1], int(np.ceil(s[-1])) + 1), corners)
-        samples = _at_length(s, qs, at)
-        # Points of a rigid body move furthest at its corners; links are too thick to slip through anything.
-        tips = apply(flange_poses(self.robot, samples), self._tool_corners())
-        travel = np.linalg.norm(np.diff(tips, axis=0), axis=-1).max(axis=1, initial=0.0)
-        if travel.max(initial=0.0) <= MAX_TIP_STEP:
-            return samples
-        more = np.ceil(travel / MAX_TIP_STEP)
-        fine = np.interp(np.arange(more.sum() + 1), np.concatenate([[0.0], np.cumsum(more)]), at)
-        return _at_length(s, qs, fine)
+        steps = np.ceil(np.abs(np.diff(qs, axis=0)).max(axis=1, initial=0.0) / MAX_KNOT_STEP).clip(1).astype(int)
+        at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(steps))])
+        knots = np.stack([np.interp(at, np.arange(len(qs)), qs[:, j]) for j in range(6)], axis=1)
+        opw = self.robot.opw
+        Ts = flange_poses(self.robot, knots)
+        points = apply(Ts, self.corners)
+        wrist = Ts[:, :3, 3] - opw.c4 * Ts[:, :3, 2]
+        turned = np.abs(np.diff(knots, axis=0))
+        around = np.linalg.norm(np.diff(wrist, axis=0), axis=1) + self._thick * turned.sum(axis=1)
+        reach = 2 * self._thick
+        elbow = turned[:, :3] @ (opw.a1 + opw.c2 + reach, opw.c2 + reach, reach)
+        marks = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(axis=1, initial=0.0)
+        return knots, np.concatenate([[0.0], np.cumsum(1.05 * np.max([marks, around, elbow], axis=0))])
 
-    def _tool_corners(self) -> Array:
-        """Corners (n, 3) of tool and held part in the flange frame."""
+    @property
+    def _thick(self) -> float:
+        return THICK * self.robot.opw.c2
+
+    @property
+    def corners(self) -> Array:
+        """Corners (n, 3) of tool and held part, and the flange, in the flange frame."""
         return np.concatenate([np.zeros((1, 3)), *(_corners(b) for b in (*self.tool_boxes, *self._held))])
 
     def _checker(self, mode: Mode) -> _Checker:
-        key = (mode, bool(self._held))
-        if key not in self._checkers:
-            held = self._held
-            if mode == "contact":
-                shrunk = [np.maximum(np.array(b.size) - 2 * self._tolerance, 1e-4) for b in held]
-                held = tuple(replace(b, size=tuple(s)) for b, s in zip(held, shrunk, strict=True))
-            self._checkers[key] = _Checker(self, held, mode)
-        return self._checkers[key]
+        held = bool(self._held)
+        if held not in self._checkers:
+            self._checkers[held] = _Checker(self, self._held, self._tolerance)
+        self._checkers[held].turn_to(mode)
+        return self._checkers[held]
 
 
 class _Checker:
-    """Pinocchio's geometry for one mode and one held part, with only the pairs that count."""
+    """Pinocchio's geometry for one held part, with only the pairs that count."""
 
-    def __init__(self, scene: CollisionScene, held: tuple[Box, ...], mode: Mode) -> None:
+    def __init__(self, scene: CollisionScene, held: tuple[Box, ...], tolerance: float) -> None:
         self.model = scene.robot.kinematics
         self.data = self.model.createData()
         self.geometry = _arm_geometry(scene.robot).copy()
@@ -166,37 +198,77 @@ class _Checker:
         last = self.model.njoints - 1
         T_joint_flange = frames[scene.robot.flange].placement
 
+        sizes = [np.maximum(np.array(b.size) - 2 * tolerance, 1e-4) for b in held]
+        shrunk = [
+            replace(b, size=(float(size[0]), float(size[1]), float(size[2])))
+            for b, size in zip(held, sizes, strict=True)
+        ]
         tool = [self._add(b.name, last, T_joint_flange, b) for b in scene.tool_boxes]
         part = [self._add("held", last, T_joint_flange, b) for b in held]
+        slim = [self._add("held", last, T_joint_flange, b) for b in shrunk]
         fixed = [self._add(b.name, 0, pin.SE3.Identity(), b) for b in scene.obstacles]
-
-        pairs = [(a, b) for a, i in links for b, j in links if j - i >= 2]
-        pairs += [(t, a) for t in tool for a, i in links if i <= 4]
-        pairs += [(p, a) for p in part for a, i in links if i <= 5]
-        moving = [a for a, i in links if i > 0] + tool + part
-        pairs += [(m, f) for m in moving for f in fixed]
+        ground = []
         if scene._ground is not None:
             shape, T_world_ground = scene._ground
-            ground = self._add_shape("pile", 0, T_world_ground, shape)
-            fingers = {t for t in tool if self.names[t].startswith("finger")}
-            touching = fingers | set(part) if mode == "contact" else set()
-            pairs += [(m, ground) for m in moving if m not in touching]
-        for a, b in pairs:
-            self.geometry.addCollisionPair(pin.CollisionPair(a, b))
+            ground = [self._add_shape("pile", 0, T_world_ground, shape)]
+        fingers = {t for t in tool if self.names[t].startswith("finger")}
+
+        arm = [a for a, i in links if i > 0]
+        pairs = [(a, b) for a, i in links for b, j in links if j - i >= 2]
+        pairs += [(t, a) for t in tool for a, i in links if i <= 4]
+        pairs += [(p, a) for p in part + slim for a, i in links if i <= 5]
+        pairs += [(m, f) for m in arm + tool + part + slim for f in fixed]
+        pairs += [(m, g) for m in arm + tool + part for g in ground]
+        # every pair's index a must be the smaller one to be found again
+        pairs = [(min(p), max(p)) for p in pairs]
+        wanted = np.zeros((len(self.names), len(self.names)), dtype=bool)
+        wanted[tuple(np.array(pairs).T)] = True
+        self.geometry.setCollisionPairs(wanted)
         self.geometry_data = self.geometry.createData()
+        index = {(p.first, p.second): k for k, p in enumerate(self.geometry.collisionPairs)}
+        slim_only = [k for p, k in index.items() if set(p) & set(slim)]
+        transit_only = [
+            k for p, k in index.items() if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
+        ]
+        self._only: dict[Mode, list[int]] = {"transit": transit_only, "contact": slim_only}
+        self._carried = {*tool, *part, *slim}
+        self._mode: Mode | None = None
+        self._margin = 0.0
         self.broadphase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
             self.model, self.geometry, self.geometry_data
         )
 
-    def free(self, q: Array) -> bool:
+    def turn_to(self, mode: Mode) -> None:
+        """Check the pairs of a mode."""
+        if mode != self._mode:
+            for other, pairs in self._only.items():
+                data = self.geometry_data
+                switch = data.activateCollisionPair if other == mode else data.deactivateCollisionPair
+                for k in pairs:
+                    switch(k)
+            self._mode = mode
+
+    def free(self, q: Array, margin: float = 0.0) -> bool:
+        """Whether everything keeps more than `margin` [m] at q (6,)."""
+        if margin != self._margin:
+            for request in self.geometry_data.collisionRequests:
+                request.security_margin = margin
+            self._margin = margin
         return not pin.computeCollisions(self.model, self.data, self.broadphase, q, True)
 
     def contact(self, q: Array) -> Contact | None:
-        if not pin.computeCollisions(self.model, self.data, self.geometry, self.geometry_data, q, True):
+        if self.free(q):
             return None
-        for pair, result in zip(self.geometry.collisionPairs, self.geometry_data.collisionResults, strict=True):
-            if result.isCollision():
-                return self.names[pair.first], self.names[pair.second]
+        pin.computeCollisions(self.model, self.data, self.geometry, self.geometry_data, q, True)
+        active = self.geometry_data.activeCollisionPairs
+        for k, (pair, result) in enumerate(
+            zip(self.geometry.collisionPairs, self.geometry_data.collisionResults, strict=True)
+        ):
+            if active[k] and result.isCollision():
+                first, second = pair.first, pair.second
+                if second in self._carried:  # the tool or part is named before the link that it touches
+                    first, second = second, first
+                return self.names[first], self.names[second]
         raise AssertionError("a collision without a pair")
 
     def _add(self, name: str, joint: int, T_joint_parent: pin.SE3, box: Box) -> int:
@@ -224,7 +296,17 @@ def _ground(field: HeightField) -> tuple[coal.CollisionGeometry, pin.SE3]:
 
 def _corners(box: Box) -> Array:
     signs = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64) - 0.5
-    return apply(make_transform(box.T_world_box[:3, :3], box.T_world_box[:3, 3]), signs * np.array(box.size))
+    return apply(box.T_world_box, signs * np.array(box.size))
+
+
+def _split(cells: Array, length: float) -> Array:
+    """Intervals (n, 2), each cut into equal ones of at most `length`."""
+    counts = np.ceil((cells[:, 1] - cells[:, 0]) / length - 1e-9).clip(1).astype(int)
+    which = np.repeat(np.arange(len(cells)), counts)
+    k = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    step = ((cells[:, 1] - cells[:, 0]) / counts)[which]
+    start = cells[which, 0] + k * step
+    return np.stack([start, start + step], axis=1)
 
 
 def _at_length(s: Array, qs: Array, at: Array) -> Array:

@@ -31,7 +31,7 @@ class Branches:
         q: joint vectors (n, 8, 6) in [rad]; the last axis' turn is the one closest to the reference. NaN where none.
         valid: (n, 8) the branch exists and keeps the joint limits.
         exists: (n, 8) the branch exists, within the limits or not.
-        sigma: (n, 8) smallest singular value of the flange's geometric Jacobian, 0 where no branch exists.
+        sigma: (n, 8) smallest singular value of the flange's geometric Jacobian, 0 where no valid branch exists.
     """
 
     q: Array
@@ -48,23 +48,45 @@ def inverse(model: RobotModel, Ts_base_flange: Array, q_near: ArrayLike | None =
     """
     near = np.asarray(model.home if q_near is None else q_near, dtype=np.float64)
     Ts = np.asarray(Ts_base_flange, dtype=np.float64).reshape(-1, 4, 4)
-    found = _solver(model.opw).reach(RigidTransform.from_matrix(Ts))
+    # The solver's angles lie within half a turn; it leaves out the singular values of branches outside these limits.
+    never = (model.lower > -np.pi) & (model.upper < np.pi)
+    limits = np.stack([np.where(never, model.lower, -7.0), np.where(never, model.upper, 7.0)], axis=1)
+    found = _solver(model.opw).reach(RigidTransform.from_matrix(Ts), joint_limits=limits)
     q = _turn(model, found.joints, near)
-    exists = np.isfinite(found.joints).all(axis=-1)
+    exists = ~np.isnan(found.joints[..., 0])
     valid = exists & model.within_limits(q)
     return Branches(q, valid, exists, np.nan_to_num(found.sigma_min))
 
 
 def flange_poses(model: RobotModel, q: Array) -> Array:
     """T_base_flange (n, 4, 4) at q (n, 6) in [rad], as `model.forward` but by the closed form: faster for many."""
-    return np.asarray(_solver(model.opw).batch_forward(q).as_matrix())
+    o, theta = model.opw, _angles(model, q)
+    s, c = np.sin(theta), np.cos(theta)
+    psi3, k = np.arctan2(o.a2, o.c3), np.hypot(o.a2, o.c3)
+    slope = theta[:, 1] + theta[:, 2]
+    x = o.c2 * s[:, 1] + k * np.sin(slope + psi3) + o.a1
+    z = o.c2 * c[:, 1] + k * np.cos(slope + psi3) + o.c1
+    s23, c23, zero = np.sin(slope), np.cos(slope), np.zeros(len(theta))
+    (s1, _, _, s4, s5, s6), (c1, _, _, c4, c5, c6) = s.T, c.T
+    R_base_arm = np.array([[c1 * c23, -s1, c1 * s23], [s1 * c23, c1, s1 * s23], [-s23, zero, c23]])
+    R_arm_flange = np.array(
+        [
+            [c4 * c5 * c6 - s4 * s6, -c4 * c5 * s6 - s4 * c6, c4 * s5],
+            [s4 * c5 * c6 + c4 * s6, -s4 * c5 * s6 + c4 * c6, s4 * s5],
+            [-s5 * c6, s5 * s6, c5],
+        ]
+    )
+    T = np.zeros((len(theta), 4, 4))
+    T[:, :3, :3] = np.moveaxis(R_base_arm, 2, 0) @ np.moveaxis(R_arm_flange, 2, 0)
+    wrist = np.stack([x * c1 - o.b * s1, x * s1 + o.b * c1, z], axis=1)
+    T[:, :3, 3], T[:, 3, 3] = wrist + o.c4 * T[:, :3, 2], 1.0
+    return T
 
 
 def branch(model: RobotModel, q: ArrayLike) -> np.ndarray:
     """Branch number (...) of joint vectors q (..., 6) in [rad], the slot in which `inverse` returns them."""
     o = model.opw
-    sign = np.where(o.flips, -1.0, 1.0)
-    theta = np.asarray(q, dtype=np.float64) * sign - np.deg2rad(o.offsets_deg)
+    theta = _angles(model, q)
     psi3, k = np.arctan2(o.a2, o.c3), np.hypot(o.a2, o.c3)
     elbow_angle = theta[..., 2] + psi3
     wrist_x = o.a1 + o.c2 * np.sin(theta[..., 1]) + k * np.sin(theta[..., 1] + elbow_angle)
@@ -85,13 +107,18 @@ def reachable(
     return sigma > sigma_min, sigma
 
 
+def _angles(model: RobotModel, q: ArrayLike) -> Array:
+    """Angles of the closed form's own convention at joint vectors q (..., 6)."""
+    signs, offsets = np.where(model.opw.flips, -1.0, 1.0), np.deg2rad(model.opw.offsets_deg)
+    return np.asarray(np.asarray(q, dtype=np.float64) * signs - offsets)
+
+
 def _turn(model: RobotModel, q: Array, near: Array) -> Array:
     """Of q + 2 pi k within the limits, the one closest to `near`; the closest of all where none is within."""
-    options = q[..., None] + 2 * np.pi * np.arange(-2, 3)  # (n, 8, 6, 5)
-    outside = (options < model.lower[:, None]) | (options > model.upper[:, None])
-    cost = np.abs(options - near[:, None]) + 1e3 * outside
-    best = np.argmin(np.where(np.isnan(cost), np.inf, cost), axis=-1)
-    return np.asarray(np.take_along_axis(options, best[..., None], axis=-1)[..., 0])
+    turn = 2 * np.pi
+    wanted = np.round((near - q) / turn)
+    first, last = np.ceil((model.lower - q) / turn), np.floor((model.upper - q) / turn)
+    return np.asarray(q + turn * np.where(first <= last, np.clip(wanted, first, last), wanted))
 
 
 @lru_cache(maxsize=8)

@@ -58,6 +58,7 @@ class RobotModel:
         joints: joint names in the order of every q (6,).
         lower, upper: joint limits (6,) in [rad], from the URDF.
         velocity, acceleration, jerk: limits (6,) in [rad/s], [rad/s2], [rad/s3]; robot.yaml assumes the last two.
+        effort: torque limits (6,) in [N m], from the URDF; robot.yaml says what they are worth.
         home: (6,) in [rad]; leaves the camera's view over the bin free.
         payload: in [kg]; reach: from the J1 axis to the wrist centre in [m].
         kinematics: Pinocchio's model; flange: its frame id.
@@ -71,6 +72,7 @@ class RobotModel:
     velocity: Array
     acceleration: Array
     jerk: Array
+    effort: Array
     home: Array
     payload: float
     reach: float
@@ -119,6 +121,7 @@ def load_robot(name: str) -> RobotModel:
         velocity=_frozen(velocity),
         acceleration=_frozen(acceleration),
         jerk=_frozen(acceleration / config.time_to_acceleration),
+        effort=_frozen(model.effortLimit),
         home=_frozen(np.deg2rad(config.home_deg)),
         payload=config.payload,
         reach=config.reach,

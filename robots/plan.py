@@ -1,12 +1,12 @@
-"""The motion of one pick: to the part, out of the bin, to a free place, and home.
+"""The motion of one pick: to the part, out of the bin, to a free place, and, if asked for, away from it.
 
-Four trajectories, each from rest to rest:
-    approach  q_start -> pre-grasp -> straight line to the grasp
-    lift      straight line out of the pile, part held
-    carry     -> above a place pose -> straight line down, part held
-    leave     straight line up -> q_end
-All of them stay in one front-facing branch of the arm between pre-grasp and place, so the wrist never flips with a part
-in hand, and every sample of every trajectory is checked for collisions.
+The arm rests where the process must stop and nowhere else:
+    approach  q_start -> (straight up, out of the last place) -> through the air -> straight line to the grasp
+    lift      straight line out of the pile, part held, and on in flight
+    carry     -> straight line down to a place pose
+    leave     straight line up -> q_end, where one is given; else the arm waits at the place, its jaws open
+All of them stay in one front-facing branch of the arm between grasp and place, so the wrist never flips with a part in
+hand, and every trajectory is checked for collisions.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import numpy as np
 from cell.bin import Box
 from cell.frames import Array, invert
 from robots.collision import CollisionScene, Mode
-from robots.inverse import FRONT, SIGMA_MIN, Branches, branch, inverse
-from robots.join import Joined, Pace, describe, enter_line, run
-from robots.model import RobotModel
+from robots.inverse import FRONT, SIGMA_MIN, Branches, flange_poses, inverse
+from robots.join import Joined, Line, Pace, Stop, describe, join
 from robots.search import Method
-from robots.timing import JointPath
-from robots.trajectory import DT, LINE_SAMPLES, Trajectory, reverse, tool_line
+from robots.timing import rest_to_rest
+from robots.trajectory import DT, Trajectory
 
 SEARCHED_PLACES = 2  # place poses for which a path is searched when no quick way leads to any
+UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +36,18 @@ class PickRequest:
     """What one pick asks for; poses of the TCP in the robot's base frame, which is the world frame.
 
     Attributes:
-        q_start: (6,) joint vector at rest now [rad]; q_end: the one to return to.
+        q_start: (6,) joint vector at rest now [rad]; q_end: the one to return to, None to wait at the place.
         T_base_tool_grasp: (4, 4) TCP at the grasp; z is the approach direction, x the closing direction of the jaws.
         Ts_base_tool_place: (k, 4, 4) TCP where the part may be let go, most wanted first.
         T_flange_tool: (4, 4).
         held_tool: the part as boxes in the TCP frame.
         approach: length of the last line along tool z [m]; retract: of the first line with the part, along the unit
-            vector `retract_direction` in the world; place_height: of the vertical line down to a place pose.
+            vector `retract_direction` in the world; place_height: of the vertical line down to a place pose; depart: of
+            the vertical line away from q_start, 0 for none.
+        straight: length that is kept straight of each of these lines where the rest of it may be rounded into the
+            flight without a touch [m]; None for the whole lines.
+        place_rank: (k,) how much each place pose is wanted, the least first; among equals the quickest to reach is
+            taken. None for the order given.
         speed: in (0, 1] of the arm's speed, see `robots.trajectory`.
         carry_acceleration: largest acceleration of the TCP with the part [m/s2].
         held_tolerance: error of the part's estimated pose [m] that does not count as a collision on the lift's line.
@@ -54,7 +59,7 @@ class PickRequest:
     Ts_base_tool_place: Array
     T_flange_tool: Array
     held_tool: tuple[Box, ...]
-    q_end: Array
+    q_end: Array | None
     approach: float = 0.10
     retract: float = 0.15
     retract_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -64,11 +69,22 @@ class PickRequest:
     held_tolerance: float = 0.005
     seed: int = 0
     dt: float = DT
+    depart: float = 0.0
+    straight: float | None = None
+    place_rank: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class PickPlan:
-    """The trajectories of a pick in order, the index of the place pose used, and how each free move was found."""
+    """The trajectories of a pick in order, and how they were found.
+
+    Attributes:
+        lift: ends in flight, at the height of the whole line; carry goes on from there without a stop.
+        leave: a single joint vector where the arm waits at the place.
+        place: index of the place pose used; branch: of grasp and place; sigma: of the grasp.
+        methods: how the free moves of approach, carry and leave were found.
+        cleared: samples of `approach` before the hand has left the last place; the jaws stay as they are until then.
+    """
 
     approach: Trajectory
     lift: Trajectory
@@ -78,6 +94,7 @@ class PickPlan:
     branch: int
     sigma: float
     methods: tuple[Method, Method, Method]
+    cleared: int = 0
 
     @property
     def trajectories(self) -> tuple[Trajectory, Trajectory, Trajectory, Trajectory]:
@@ -100,13 +117,14 @@ class PlanFailure:
 def plan_pick(scene: CollisionScene, request: PickRequest) -> PickPlan | PlanFailure:
     """Plan one pick. The same scene and request give the same plan, bit for bit.
 
-    Branches are tried from the one of q_start on; the failure told is that of the first one the grasp exists in. The
-    scene comes back holding nothing.
+    The branch that is quicker to reach is tried first; the failure told is that of the first one the grasp exists in.
+    The scene comes back holding nothing.
     """
     grasp = request.T_base_tool_grasp @ invert(request.T_flange_tool)
     found = inverse(scene.robot, grasp[None], request.q_start)
+    far = np.where(found.exists[0], rest_to_rest(scene.robot, found.q[0] - request.q_start), np.inf)
     stops = []
-    for slot in _branches_in_order(scene.robot, request.q_start):
+    for slot in sorted(FRONT, key=lambda b: far[b]):
         scene.release()
         plan = _plan_in_branch(scene, request, grasp, found, slot)
         scene.release()
@@ -124,7 +142,7 @@ def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Arra
     """
     found = inverse(scene.robot, np.asarray(Ts_base_tool) @ invert(T_flange_tool))
     for k in range(len(found.q)):
-        stops = []
+        stops: list[_Blocked] = []
         for slot in FRONT:
             stop = _standing(scene, found, k, slot, "contact")
             if stop is None:
@@ -143,13 +161,13 @@ class _Stage(IntEnum):
 
 
 @dataclass(frozen=True)
-class _Stop:
+class _Blocked:
     stage: _Stage
     reason: Literal["unreachable", "no_path"]
     detail: str
 
 
-def _failure(stops: list[_Stop]) -> PlanFailure:
+def _failure(stops: list[_Blocked]) -> PlanFailure:
     """That of the first branch within the joint limits, if there is one."""
     told = next((s for s in stops if s.stage > _Stage.LIMITS), None) or max(stops, key=lambda s: s.stage)
     return PlanFailure(told.reason, told.detail)
@@ -157,117 +175,144 @@ def _failure(stops: list[_Stop]) -> PlanFailure:
 
 def _plan_in_branch(
     scene: CollisionScene, request: PickRequest, grasp: Array, found: Branches, slot: int
-) -> PickPlan | _Stop:
+) -> PickPlan | _Blocked:
     """The pick in one branch, or where it stopped."""
-    stop = _standing(scene, found, 0, slot, "contact")
-    if stop is not None:
-        return replace(stop, detail=f"grasp: {stop.detail}")
+    blocked = _standing(scene, found, 0, slot, "contact")
+    if blocked is not None:
+        return replace(blocked, detail=f"grasp: {blocked.detail}")
     q_grasp = found.q[0, slot]
     free = Pace(request.speed, request.dt, request.T_flange_tool)
+    hold = tuple(replace(b, T_world_box=request.T_flange_tool @ b.T_world_box) for b in request.held_tool)
 
     back = -request.approach * request.T_base_tool_grasp[:3, 2]
-    out = _line(scene, grasp, back, q_grasp, "contact", _Stage.APPROACH_LINE, "approach line")
-    if isinstance(out, _Stop):
+    out = _stop(scene, request, grasp, q_grasp, back, "contact", _Stage.APPROACH_LINE, "approach line")
+    if isinstance(out, _Blocked):
         return out
-    hold = tuple(replace(b, T_world_box=request.T_flange_tool @ b.T_world_box) for b in request.held_tool)
-    scene.hold(hold, request.held_tolerance)
     rise = request.retract * np.array(request.retract_direction)
-    up = _line(scene, grasp, rise, q_grasp, "contact", _Stage.LIFT_LINE, "lift line")
-    scene.release()
-    if isinstance(up, _Stop):
+    up = _stop(scene, request, grasp, q_grasp, rise, "contact", _Stage.LIFT_LINE, "lift line")
+    if isinstance(up, _Blocked):
         return up
-    approach = enter_line(scene, request.q_start, out.reversed(), free, request.seed, "approach")
+    start = _start(scene, request)
+    if isinstance(start, _Blocked):
+        return start
+    approach = join(scene, start, out, free, request.seed, "approach")
     if isinstance(approach, str):
-        return _Stop(_Stage.APPROACH, "no_path", f"way to the grasp: {approach}")
+        return _Blocked(_Stage.APPROACH, "no_path", f"way to the grasp: {approach}")
     scene.hold(hold, request.held_tolerance)
-    lift = run(scene, up, replace(free, acceleration=request.carry_acceleration), "lift")
-
-    placed = _place(scene, request, up.end, slot)
-    if isinstance(placed, _Stop):
+    placed = _place(scene, request, up, slot)
+    if isinstance(placed, _Blocked):
         return placed
     k, carry, leave = placed
     methods = (approach[1], carry[1], leave[1])
-    return PickPlan(approach[0], lift, carry[0], leave[0], k, slot, float(found.sigma[0, slot]), methods)
+    lift, carry_on = _split(carry[0], _travelled(scene, request, carry[0].q, request.retract))
+    sigma = float(found.sigma[0, slot])
+    cleared = _travelled(scene, request, approach[0].q, request.depart) if request.depart else 0
+    return PickPlan(approach[0], lift, carry_on, leave[0], k, slot, sigma, methods, cleared)
+
+
+def _start(scene: CollisionScene, request: PickRequest) -> Stop | _Blocked:
+    """Where the arm rests now, with the line away from it."""
+    if not request.depart:
+        return Stop(request.q_start)
+    T = flange_poses(scene.robot, request.q_start[None])[0]
+    rise, what = request.depart * UP, "line from the start"
+    return _stop(scene, request, T, request.q_start, rise, "transit", _Stage.APPROACH, what)
 
 
 def _place(
-    scene: CollisionScene, request: PickRequest, q_lifted: Array, slot: int
-) -> tuple[int, Joined, Joined] | _Stop:
+    scene: CollisionScene, request: PickRequest, grasp: Stop, slot: int
+) -> tuple[int, Joined, Joined] | _Blocked:
     """The first place pose that can be reached with the part and left without it; quick ways first, then a search."""
     poses = request.Ts_base_tool_place @ invert(request.T_flange_tool)
-    found = inverse(scene.robot, poses, q_lifted)
-    rise = np.array([0.0, 0.0, request.place_height])
+    found = inverse(scene.robot, poses, grasp.q)
     if len(poses) == 0:
-        return _Stop(_Stage.PLACE, "unreachable", "place: no place pose was given")
-    stops: list[_Stop] = []
-    blocked: list[tuple[int, JointPath]] = []
-    for k, pose in enumerate(poses):
+        return _Blocked(_Stage.PLACE, "unreachable", "place: no place pose was given")
+    blocked: list[_Blocked] = []
+    unseen: list[tuple[int, Stop]] = []
+    for k in _in_order(scene, request, found, slot, grasp.q):
         stop = _standing(scene, found, k, slot, "transit")
         if stop is not None:
-            stops.append(replace(stop, stage=_Stage.PLACE, detail=f"place pose {k}: {stop.detail}"))
+            blocked.append(replace(stop, stage=_Stage.PLACE, detail=f"place pose {k}: {stop.detail}"))
             continue
-        line = _line(scene, pose, rise, found.q[k, slot], "transit", _Stage.PLACE_LINE, f"line to place pose {k}")
-        if isinstance(line, _Stop):
-            stops.append(line)
+        q = found.q[k, slot]
+        rise = request.place_height * UP
+        what = f"line to place pose {k}"
+        place = _stop(scene, request, poses[k], q, rise, "transit", _Stage.PLACE_LINE, what)
+        if isinstance(place, _Blocked):
+            blocked.append(place)
             continue
-        done = _carry(scene, request, q_lifted, line.reversed(), None, k)
-        if not isinstance(done, _Stop):
+        done = _carry(scene, request, grasp, place, None, k)
+        if not isinstance(done, _Blocked):
             return k, *done
-        stops.append(done)
+        blocked.append(done)
         if done.stage == _Stage.CARRY:
-            blocked.append((k, line))
-    for k, line in blocked[:SEARCHED_PLACES]:
-        done = _carry(scene, request, q_lifted, line.reversed(), request.seed, k)
-        if not isinstance(done, _Stop):
+            unseen.append((k, place))
+    for k, place in unseen[:SEARCHED_PLACES]:
+        done = _carry(scene, request, grasp, place, request.seed, k)
+        if not isinstance(done, _Blocked):
             return k, *done
-        stops.append(done)
-    return max(stops, key=lambda s: s.stage)
+        blocked.append(done)
+    return max(blocked, key=lambda s: s.stage)
+
+
+def _in_order(scene: CollisionScene, request: PickRequest, found: Branches, slot: int, q_grasp: Array) -> list[int]:
+    """Indices of the place poses, most wanted first, and of those equally wanted the quickest to reach."""
+    n = len(found.q)
+    if request.place_rank is None:
+        return list(range(n))
+    far = np.where(found.exists[:, slot], rest_to_rest(scene.robot, found.q[:, slot] - q_grasp), np.inf)
+    return sorted(range(n), key=lambda k: ((request.place_rank or ())[k], far[k]))
 
 
 def _carry(
-    scene: CollisionScene, request: PickRequest, q_lifted: Array, line: JointPath, seed: int | None, k: int
-) -> tuple[Joined, Joined] | _Stop:
-    """With the part to the place pose at the end of `line`, and without it home."""
+    scene: CollisionScene, request: PickRequest, grasp: Stop, place: Stop, seed: int | None, k: int
+) -> tuple[Joined, Joined] | _Blocked:
+    """With the part to a place pose, and without it home or nowhere."""
     free = Pace(request.speed, request.dt, request.T_flange_tool)
     slow = replace(free, acceleration=request.carry_acceleration)
-    carry = enter_line(scene, q_lifted, line, slow, seed, "carry")
+    carry = join(scene, grasp, place, slow, seed, "carry")
     if isinstance(carry, str):
-        return _Stop(_Stage.CARRY, "no_path", f"way to place pose {k}: {carry}")
+        return _Blocked(_Stage.CARRY, "no_path", f"way to place pose {k}: {carry}")
+    if request.q_end is None:
+        return carry, (Trajectory("leave", place.q[None].copy(), np.zeros((1, 6)), request.dt), "direct")
     with scene.empty_handed():
-        leave = enter_line(scene, request.q_end, line, free, request.seed, "leave")
+        leave = join(scene, place, Stop(request.q_end), free, request.seed, "leave")
     if isinstance(leave, str):
-        return _Stop(_Stage.LEAVE, "no_path", f"way home from place pose {k}: {leave}")
-    return carry, (reverse(leave[0], "leave"), leave[1])
+        return _Blocked(_Stage.LEAVE, "no_path", f"way home from place pose {k}: {leave}")
+    return carry, leave
 
 
-def _line(
-    scene: CollisionScene, T0: Array, shift: Array, q0: Array, mode: Mode, stage: _Stage, what: str
-) -> JointPath | _Stop:
-    """The flange's straight line from T0 by `shift` (3,) in the world, reachable and free."""
-    T1 = T0.copy()
-    T1[:3, 3] += shift
-    line = tool_line(scene.robot, T0, T1, q0)
-    if isinstance(line, str):
-        return _Stop(stage, "unreachable", f"{what}: {line}")
-    contact = scene.path_contact(line.spline(np.linspace(0.0, 1.0, 2 * LINE_SAMPLES - 1)), mode)
-    return line if contact is None else _Stop(stage, "no_path", f"{what}: {describe(contact)}")
+def _stop(
+    scene: CollisionScene, request: PickRequest, T: Array, q: Array, way: Array, mode: Mode, stage: _Stage, what: str
+) -> Stop | _Blocked:
+    """A stop at flange pose T with a line by `way` (3,) in the world, of which at least the beginning is reachable."""
+    stop = Stop(q, Line(scene.robot, T, q, way), mode, request.straight)
+    path = stop.lines[0].path
+    return _Blocked(stage, "unreachable", f"{what}: {path}") if isinstance(path, str) else stop
 
 
-def _standing(scene: CollisionScene, found: Branches, k: int, slot: int, mode: Mode) -> _Stop | None:
+def _travelled(scene: CollisionScene, request: PickRequest, q: Array, distance: float) -> int:
+    """Index of the first of q (n, 6) whose TCP is `distance` [m] from where it began, or of the farthest of all."""
+    points = (flange_poses(scene.robot, q) @ request.T_flange_tool)[:, :3, 3]
+    away = np.linalg.norm(points - points[0], axis=1)
+    return int(np.argmax(away >= min(distance, away.max())))
+
+
+def _split(whole: Trajectory, at: int) -> tuple[Trajectory, Trajectory]:
+    """Lift and carry of one motion with the part."""
+    first = Trajectory("lift", whole.q[: at + 1].copy(), whole.qd[: at + 1].copy(), whole.dt)
+    return first, Trajectory("carry", whole.q[at:].copy(), whole.qd[at:].copy(), whole.dt)
+
+
+def _standing(scene: CollisionScene, found: Branches, k: int, slot: int, mode: Mode) -> _Blocked | None:
     """Why the arm cannot stand at pose k in a branch: by itself, or by what it would touch."""
     robot, q = scene.robot, found.q[k, slot]
     if not found.exists[k, slot]:
-        return _Stop(_Stage.EXISTS, "unreachable", "out of reach, no IK branch")
+        return _Blocked(_Stage.EXISTS, "unreachable", "out of reach, no IK branch")
     if not found.valid[k, slot]:
         joint = int(np.argmax((q < robot.lower) | (q > robot.upper))) + 1
-        return _Stop(_Stage.LIMITS, "unreachable", f"joint limit of J{joint}")
+        return _Blocked(_Stage.LIMITS, "unreachable", f"joint limit of J{joint}")
     if found.sigma[k, slot] <= SIGMA_MIN:
-        return _Stop(_Stage.SINGULAR, "unreachable", f"singularity margin (sigma {found.sigma[k, slot]:.3f})")
+        return _Blocked(_Stage.SINGULAR, "unreachable", f"singularity margin (sigma {found.sigma[k, slot]:.3f})")
     contact = scene.first_contact(q, mode)
-    return None if contact is None else _Stop(_Stage.GRASP, "no_path", describe(contact))
-
-
-def _branches_in_order(robot: RobotModel, q_start: Array) -> list[int]:
-    """Front-facing branches, the one with the wrist of q_start first."""
-    wrist = int(branch(robot, q_start)) & 4
-    return sorted(FRONT, key=lambda b: b & 4 != wrist)
+    return None if contact is None else _Blocked(_Stage.GRASP, "no_path", describe(contact))

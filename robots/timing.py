@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import ruckig
@@ -42,6 +43,17 @@ class JointPath:
         return JointPath(CubicSpline(1.0 - self.spline.x[::-1], self.spline(self.spline.x)[::-1], axis=0))
 
 
+class Segment(Protocol):
+    """A piece of a motion."""
+
+    @property
+    def duration(self) -> float:
+        """In [s]."""
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Positions and velocities (n, 6) at times (n,) in [s]."""
+
+
 @dataclass(frozen=True, eq=False)
 class JointSegment:
     """A six-axis Ruckig profile."""
@@ -52,19 +64,38 @@ class JointSegment:
     def duration(self) -> float:
         return float(self.profile.duration)
 
+    @cached_property
+    def _phases(self) -> tuple[Array, Array] | None:
+        """Start times (6, 8) of phases of constant jerk and (4, 6, 8) position, velocity, acceleration, jerk there.
+
+        None where a phase comes before or after these, as Ruckig has it when a limit is not kept at an end.
+        """
+        joints = self.profile.profiles[0]
+        if any(p.brake.duration > 0.0 or p.accel.duration > 0.0 for p in joints):
+            return None
+        starts = np.array([np.concatenate([[0.0], np.cumsum(p.t)]) for p in joints])
+        jerks = np.array([[*p.j, 0.0] for p in joints])
+        return starts, np.stack([np.array([getattr(p, name) for p in joints]) for name in "pva"] + [jerks])
+
     def at(self, times: Array) -> tuple[Array, Array]:
-        """Positions and velocities (n, 6) at times (n,) in [s]."""
-        states = [self.profile.at_time(t) for t in times]
-        return np.array([s[0] for s in states]).reshape(-1, 6), np.array([s[1] for s in states]).reshape(-1, 6)
+        """Positions and velocities (n, 6) at times (n,) in [s], all at once; Ruckig takes 2 us for each."""
+        if self._phases is None:
+            states = [self.profile.at_time(t) for t in times]
+            return np.array([s[0] for s in states]).reshape(-1, 6), np.array([s[1] for s in states]).reshape(-1, 6)
+        starts, phases = self._phases
+        k = (np.asarray(times)[:, None, None] >= starts).sum(axis=2).clip(1) - 1
+        joint = np.arange(6)
+        p, v, a, j = phases[:, joint, k]
+        t = np.asarray(times)[:, None] - starts[joint, k]
+        return p + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2)
 
 
 @dataclass(frozen=True, eq=False)
 class PathSegment:
-    """A joint path and its one-dimensional Ruckig profile s(t); `start_speed` is ds/dt at time 0."""
+    """A joint path and its one-dimensional Ruckig profile s(t)."""
 
     path: JointPath
     profile: ruckig.Trajectory
-    start_speed: float
 
     @property
     def duration(self) -> float:
@@ -82,7 +113,7 @@ class PathSegment:
 class Motion:
     """Segments run one after the other at the arm's full speed, ending at rest at `end` (6,)."""
 
-    segments: tuple[JointSegment | PathSegment, ...]
+    segments: tuple[Segment, ...]
     end: Array
 
     @property
@@ -102,26 +133,63 @@ class Motion:
         return q, qd
 
 
-def joint_segment(
-    model: RobotModel, q0: Array, q1: Array, velocity: Array | None = None, acceleration: Array | None = None
-) -> JointSegment | None:
-    """From rest at q0 (6,) to q1 (6,): at rest and straight in joint space, or at a given velocity and acceleration.
+def rest_to_rest(model: RobotModel, turned: Array) -> Array:
+    """Time (...) in [s] of the quickest motion of all joints by `turned` (..., 6) [rad] from rest to rest.
+
+    That of the slowest joint: three phases of constant jerk or more, fewer where its limits are not reached.
+    """
+    d, v, a, j = np.abs(turned), model.velocity, model.acceleration, model.jerk
+    by_jerk = 4.0 * np.cbrt(d / (2.0 * j))
+    peak = a * (np.sqrt((a / j) ** 2 + 4.0 * d / a) - a / j) / 2.0  # d = peak * (peak / a + a / j)
+    by_acceleration = 2.0 * (peak / a + a / j)
+    by_velocity = d / v + v / a + a / j
+    short, middle = d <= 2.0 * a**3 / j**2, d <= v * (v / a + a / j)
+    return np.asarray(np.where(short, by_jerk, np.where(middle, by_acceleration, by_velocity)).max(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Junction:
+    """Joint angles, velocities and accelerations (6,) where two segments meet, in [rad], [rad/s] and [rad/s2]."""
+
+    q: Array
+    velocity: Array
+    acceleration: Array
+
+    @staticmethod
+    def at_rest(q: Array) -> Junction:
+        return Junction(q, np.zeros(6), np.zeros(6))
+
+    @property
+    def rests(self) -> bool:
+        return not (self.velocity.any() or self.acceleration.any())
+
+
+def joint_segment(model: RobotModel, start: Junction, end: Junction, share: float | Array = 1.0) -> JointSegment | None:
+    """The quickest motion of all joints between two states; straight in joint space from rest to rest.
+
+    Args:
+        share: of the arm's speed; its accelerations are used by the square, its jerks by the cube of it.
 
     None where Ruckig finds no profile; from rest to rest there always is one.
     """
     x = ruckig.InputParameter(6)
-    x.current_position, x.target_position = list(q0), list(q1)
-    x.max_velocity, x.max_acceleration, x.max_jerk = list(model.velocity), list(model.acceleration), list(model.jerk)
-    if velocity is None or acceleration is None:
+    x.current_position, x.current_velocity = start.q.tolist(), start.velocity.tolist()
+    x.target_position, x.target_velocity = end.q.tolist(), end.velocity.tolist()
+    x.current_acceleration, x.target_acceleration = start.acceleration.tolist(), end.acceleration.tolist()
+    # what a junction already has is allowed whatever the share
+    fastest = np.maximum(np.abs(start.velocity), np.abs(end.velocity)) * (1 + 1e-6)
+    hardest = np.maximum(np.abs(start.acceleration), np.abs(end.acceleration)) * (1 + 1e-6)
+    x.max_velocity = np.clip(model.velocity * share, fastest, model.velocity).tolist()
+    x.max_acceleration = np.clip(model.acceleration * share**2, hardest, model.acceleration).tolist()
+    x.max_jerk = (model.jerk * share**3).tolist()
+    if start.rests and end.rests:
         x.synchronization = ruckig.Synchronization.Phase
-    else:
-        x.target_velocity, x.target_acceleration = list(velocity), list(acceleration)
     profile = _solve(x)
     return None if profile is None else JointSegment(profile)
 
 
-def path_segment(model: RobotModel, path: JointPath, start: float = 0.0) -> PathSegment | None:
-    """Along a path to rest, entered at `start` times its top speed; None where it cannot stop in time.
+def path_segment(model: RobotModel, path: JointPath) -> PathSegment | None:
+    """Along a path from rest to rest.
 
     With |q'|, |q''|, |q'''| at their largest along the path, speed v, acceleration a and jerk j of s are bounded by
         |q'| v <= V,   |q'| a + |q''| v^2 <= A,   |q'| j + 3 |q''| v a + |q'''| v^3 <= J   for every joint.
@@ -139,28 +207,23 @@ def path_segment(model: RobotModel, path: JointPath, start: float = 0.0) -> Path
             j = float(((model.jerk - 3 * d2 * v * a - d3 * v**3) / d1).min())
             if a <= 0 or j <= 0:
                 continue
-            profile = _profile_1d(v, a, j, start * v)
+            profile = _profile_1d(v, a, j)
             if profile is not None and (best is None or profile.duration < best.duration):
-                best = PathSegment(path, profile, start * v)
+                best = PathSegment(path, profile)
     return best
 
 
-def _profile_1d(v: float, a: float, j: float, start: float) -> ruckig.Trajectory | None:
+def _profile_1d(v: float, a: float, j: float) -> ruckig.Trajectory | None:
     x = ruckig.InputParameter(1)
-    x.current_position, x.target_position, x.current_velocity = [0.0], [1.0], [start]
+    x.current_position, x.target_position = [0.0], [1.0]
     x.max_velocity, x.max_acceleration, x.max_jerk = [v], [a], [j]
-    profile = _solve(x)
-    if profile is None or (start > 0 and not _stays_inside(profile)):
-        return None
-    return profile
-
-
-def _stays_inside(profile: ruckig.Trajectory) -> bool:
-    extrema = profile.position_extrema[0]
-    return bool(extrema.min >= -1e-9 and extrema.max <= 1.0 + 1e-9)
+    return _solve(x)
 
 
 def _solve(x: ruckig.InputParameter) -> ruckig.Trajectory | None:
     profile = ruckig.Trajectory(len(x.current_position))
-    result = ruckig.Ruckig(len(x.current_position)).calculate(x, profile)
+    try:
+        result = ruckig.Ruckig(len(x.current_position)).calculate(x, profile)
+    except ruckig.RuckigError:  # a boundary state from which the limits cannot be kept
+        return None
     return profile if result in (ruckig.Result.Working, ruckig.Result.Finished) else None

@@ -1,4 +1,4 @@
-"""Joint trajectories sampled at a fixed rate: joint moves, straight tool lines, and lines entered in flight.
+"""Joint trajectories sampled at a fixed rate: joint moves, straight tool lines, and how hard they shake the tool.
 
 Every motion keeps the arm's velocity, acceleration and jerk limits. `scale` in (0, 1] slows a motion down in time and
 leaves its path as it is: velocities go with it, accelerations with its square, jerks with its cube.
@@ -16,9 +16,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from cell.frames import Array, make_transform
-from robots.inverse import SIGMA_MIN, branch, inverse
-from robots.model import RobotModel, forward
-from robots.timing import JointPath, Motion, joint_segment, path_segment
+from robots.inverse import SIGMA_MIN, branch, flange_poses, inverse
+from robots.model import RobotModel
+from robots.timing import JointPath, Junction, Motion, joint_segment, path_segment
 
 DT = 1.0 / 480.0  # [s], the step of the physics
 LINE_SAMPLES = 33
@@ -75,8 +75,11 @@ def tool_line(
     have the same rotation, as in every line of a pick.
     """
     s = np.linspace(0.0, 1.0, samples)
-    turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([T0[:3, :3], T1[:3, :3]])))
-    Ts = make_transform(turn(s).as_matrix(), T0[:3, 3] + s[:, None] * (T1[:3, 3] - T0[:3, 3]))
+    rotations = np.broadcast_to(T0[:3, :3], (samples, 3, 3))
+    if not np.array_equal(T0[:3, :3], T1[:3, :3]):
+        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([T0[:3, :3], T1[:3, :3]])))
+        rotations = turn(s).as_matrix()
+    Ts = make_transform(rotations, T0[:3, 3] + s[:, None] * (T1[:3, 3] - T0[:3, 3]))
     slot = int(branch(model, q0))
     found = inverse(model, Ts, q0)
     if not found.exists[:, slot].all():
@@ -116,7 +119,7 @@ def follow(model: RobotModel, path: JointPath, scale: float = 1.0, dt: float = D
 
 def move_motion(model: RobotModel, q0: Array, q1: Array) -> Motion:
     """The motion of `joint_move`."""
-    segment = joint_segment(model, q0, q1)
+    segment = joint_segment(model, Junction.at_rest(q0), Junction.at_rest(q1))
     if segment is None:
         raise ValueError(f"no time law from {q0} to {q1}")
     return Motion((segment,), q1)
@@ -128,21 +131,6 @@ def path_motion(model: RobotModel, path: JointPath) -> Motion:
     if segment is None:
         raise ValueError("no time law along the path")
     return Motion((segment,), path.end)
-
-
-def flying_motion(model: RobotModel, q0: Array, path: JointPath, fraction: float) -> Motion | None:
-    """From rest at q0 (6,) into a joint path without a stop, to rest at its end; None where limits forbid it.
-
-    Position, velocity and acceleration match at the junction, passed at `fraction` of the path's top speed. The first
-    segment swings off the straight joint line, so the caller checks it for limits and collisions.
-    """
-    line = path_segment(model, path, fraction)
-    if line is None:
-        return None
-    velocity = path.spline(0.0, 1) * line.start_speed
-    acceleration = path.spline(0.0, 2) * line.start_speed**2
-    entry = joint_segment(model, q0, path.start, velocity, acceleration)
-    return None if entry is None else Motion((entry, line), path.end)
 
 
 def concatenate(name: str, trajectories: Sequence[Trajectory]) -> Trajectory:
@@ -158,14 +146,9 @@ def concatenate(name: str, trajectories: Sequence[Trajectory]) -> Trajectory:
     return Trajectory(name, q, qd, first.dt)
 
 
-def reverse(trajectory: Trajectory, name: str) -> Trajectory:
-    """The same motion backwards in time."""
-    return Trajectory(name, trajectory.q[::-1].copy(), -trajectory.qd[::-1], trajectory.dt)
-
-
-def tool_acceleration(model: RobotModel, motion: Motion, T_flange_tool: Array, step: float = 0.008) -> float:
+def tool_acceleration(model: RobotModel, motion: Motion, T_flange_tool: Array, step: float = 0.010) -> float:
     """Largest acceleration of the TCP at full speed in [m/s2], by second differences `step` [s] apart."""
-    points = (forward(model, motion.sampled(step)[0]) @ T_flange_tool)[:-1, :3, 3]
+    points = (flange_poses(model, motion.sampled(step)[0]) @ T_flange_tool)[:-1, :3, 3]
     if len(points) < 3:
         return 0.0
     return float(np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() / step**2)

@@ -75,7 +75,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
-    benchmark = commands.add_parser("benchmark", help="compare perception with its peers and ablations")
+    benchmark = commands.add_parser("benchmark", help="perception against its peers; motion against its bound")
     fit_score = commands.add_parser("fit-score", help="calibrate a workpiece's score on validation scenes")
     if "train" in words[:1]:
         from perception.train import add_arguments as add_train_arguments
@@ -85,7 +85,11 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         from perception.evaluate import add_arguments as add_evaluate_arguments
 
         add_evaluate_arguments(evaluate)
-    if "benchmark" in words[:1]:
+    if words[:2] == ["benchmark", "motion"]:
+        from scenarios.benchmark_motion import add_arguments as add_motion_arguments
+
+        add_motion_arguments(benchmark)
+    elif "benchmark" in words[:1]:
         from perception.benchmark import add_arguments as add_benchmark_arguments
 
         add_benchmark_arguments(benchmark)
@@ -188,6 +192,10 @@ def _evaluate(args: argparse.Namespace) -> int:
 
 
 def _benchmark(args: argparse.Namespace) -> int:
+    if args.subject == "motion":
+        from scenarios.benchmark_motion import main_benchmark_motion
+
+        return main_benchmark_motion(args)
     from perception.benchmark import main_benchmark
 
     return main_benchmark(args)

@@ -38,6 +38,7 @@ RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where the
 FALL_TIME = 0.1  # [s] for the workpiece to leave the jaws
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
+STRAIGHT = 0.02  # [m] of every line that is kept straight where the rest may be rounded into the flight
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
 
@@ -77,9 +78,14 @@ Perceive = Callable[[Workcell, DepthFrame, np.ndarray, np.random.Generator], Est
 
 @dataclass
 class Memory:
-    """What the cell remembers between attempts: failed spots, and what was placed."""
+    """What the cell remembers between attempts: failed spots, what was placed, and where the arm waits.
+
+    Attributes:
+        waits_at: (6,) joint vector over the place bin where the arm stands with open jaws; None at home.
+    """
 
     place: PlacePlan
+    waits_at: Array | None = None
     failed: list[tuple[int, Array]] = field(default_factory=list)
 
     def avoided(self, Ts_world_part: Array, attempt: int, span: int) -> np.ndarray:
@@ -124,6 +130,10 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         _, error, angle = nearest_true(T_world_part, before.Ts_world_part, cell.workpiece)
         pose_ok = error < cell.workpiece.tolerance
         evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, record["pictures"])
+        if evidence.log.stopped:
+            memory.waits_at = None
+        elif evidence.closed:
+            memory.waits_at = decision.plan.carry.q[-1]
         limits, after = cell.scenario.limits, evidence.after
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
         if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
@@ -198,13 +208,13 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
     return Decision(None, None, reason, refused)
 
 
-def release_opening(cell: Workcell, planned: float) -> float:
-    """How far to open over the place, in [m]: so that nothing sticks, yet no finger meets a wall of the bin.
+def release_opening(cell: Workcell, planned: float, T_world_tool: Array) -> float:
+    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets a wall of the bin.
 
     A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
     """
     for opening in (planned + extra for extra in RELEASE_EXTRA if planned + extra <= cell.gripper.max_opening):
-        if not OpenGripper.of(cell.gripper.boxes(opening)).hits_bin(cell.arm.tool_pose()[None], cell.place)[0]:
+        if not OpenGripper.of(cell.gripper.boxes(opening)).hits_bin(T_world_tool[None], cell.place)[0]:
             return opening
     return planned
 
@@ -223,11 +233,12 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     """What the planner is asked for one candidate."""
     T_tool_part = invert(candidate.T_part_tool)
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
+    places = memory.place.tool_poses(candidate.T_part_tool)
     return PickRequest(
-        q_start=cell.robot.home,
-        q_end=cell.robot.home,
+        q_start=cell.robot.home if memory.waits_at is None else memory.waits_at,
+        q_end=None,
         T_base_tool_grasp=candidate.T_world_tool,
-        Ts_base_tool_place=memory.place.tool_poses(candidate.T_part_tool),
+        Ts_base_tool_place=places,
         T_flange_tool=cell.gripper.T_flange_tool,
         held_tool=tuple(in_frame(boxes, T_tool_part)),
         approach=candidate.point.approach_distance,
@@ -236,6 +247,9 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
         seed=seed,
         dt=cell.world.dt,
+        depart=0.0 if memory.waits_at is None else PLACE_LINE,
+        straight=STRAIGHT,
+        place_rank=memory.place.ranks(),
     )
 
 
@@ -252,12 +266,16 @@ def move(
 
     With `staged`, pictures of the cell at each stage are added to `pictures`.
 
-    A hard touch stops the arm, as a controller's collision guard does; it is then set back to home by hand.
+    The arm ends where it let the workpiece go, its jaws open, out of the camera's view: the next motion starts there. A
+    hard touch stops the arm, as a controller's collision guard does; it is then set back to home by hand.
     """
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
-    start = world.time
-    arm.hold_jaws(candidate.opening)
-    log = execute(world, arm, plan.approach.q, stop_above=limit)
+    start, opening = world.time, arm.opening
+    way_out, way_in = plan.approach.q[: plan.cleared], plan.approach.q[plan.cleared :]
+    log = execute(world, arm, way_out, stop_above=limit)  # the last workpiece lies between the fingers
+    if not log.stopped:
+        arm.hold_jaws(candidate.opening)
+        log += execute(world, arm, way_in, stop_above=limit)
     closed: tuple[int, ...] = ()
     lifted, carried, released = closed, closed, False
     if not log.stopped:
@@ -267,7 +285,9 @@ def move(
             snap(cell, pictures, "grasp")
         if not closed:
             log += release(world, arm, candidate.opening).log
-            log += execute(world, arm, plan.approach.q[::-1], stop_above=limit)
+            log += execute(world, arm, way_in[::-1], stop_above=limit)
+            arm.hold_jaws(opening)
+            log += execute(world, arm, way_out[::-1], stop_above=limit)
     if closed:
         log += execute(world, arm, plan.lift.q, stop_above=limit)
         lifted = held(world, arm)
@@ -279,7 +299,7 @@ def move(
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        opened = release(world, arm, release_opening(cell, candidate.opening))
+        opened = release(world, arm, release_opening(cell, candidate.opening, arm.tool_pose()))
         released = not opened.parts
         log += opened.log + wait(world, arm, FALL_TIME)
         log += execute(world, arm, plan.leave.q, stop_above=limit)

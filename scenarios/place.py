@@ -24,6 +24,7 @@ class PlacePlan:
         used: workpieces released over each slot.
         rests: (r, 3, 3) rotations of the CAD in which it lies still on a plane, z up.
         offered: (k,) slot of each pose that `tool_poses` returned last.
+        leaning: (k,) whether each of them lets the workpiece go as it will not lie.
     """
 
     bin: Bin
@@ -31,6 +32,7 @@ class PlacePlan:
     used: list[int] = field(init=False)
     rests: Array = field(init=False)
     offered: np.ndarray = field(init=False)
+    leaning: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         reach = float(np.linalg.norm(np.sort(self.workpiece.extents)[-2:]))
@@ -39,7 +41,7 @@ class PlacePlan:
         xs, ys = (np.arange(nx) + 0.5) / nx * lx - lx / 2, (np.arange(ny) + 0.5) / ny * ly - ly / 2
         self.slots = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
         self.used = [0] * len(self.slots)
-        self.offered = np.zeros(0, dtype=np.intp)
+        self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
         stable, _ = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
         self.rests = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]  # a round part may have none to speak of
         self.layer = float(np.sort(self.workpiece.extents)[1])
@@ -53,8 +55,8 @@ class PlacePlan:
         """
         T_tool_part = np.linalg.inv(T_part_tool)
         order = np.argsort(self.used, kind="stable")[:SLOTS_OFFERED]
-        poses, slots = [], []
-        for R in self._tool_rotations(T_part_tool):
+        poses, slots, leaning = [], [], []
+        for kind, R in enumerate(self._tool_rotations(T_part_tool)):
             hang = make_transform(R) @ T_tool_part
             lowest = float(apply(hang, self.workpiece.vertices)[:, 2].min())
             centre = hang[:3, 3] * (1.0, 1.0, 0.0)
@@ -66,7 +68,8 @@ class PlacePlan:
                     T_bin_tool = make_transform(turn[:3, :3] @ R, at - turn[:3, :3] @ centre)
                     poses.append(self.bin.T_world_bin @ T_bin_tool)
                     slots.append(int(slot))
-        self.offered = np.asarray(slots)
+                    leaning.append(kind > 0)
+        self.offered, self.leaning = np.asarray(slots), np.asarray(leaning)
         return np.asarray(poses)
 
     def _tool_rotations(self, T_part_tool: Array) -> list[Array]:
@@ -78,6 +81,11 @@ class PlacePlan:
         best = int(np.argmin(flat[:, 2, 2]))
         lean = np.arccos(np.clip(-flat[best, 2, 2], -1.0, 1.0))
         return [flat[best], down] if lean <= MAX_LEAN else [down]
+
+    def ranks(self) -> tuple[int, ...]:
+        """Of each pose in the last `tool_poses`: flat ones before others, emptier slots before fuller ones."""
+        used = np.array(self.used)[self.offered]
+        return tuple(int(r) for r in self.leaning * (max(self.used) + 1) + used)
 
     def fill(self, pose: int) -> None:
         """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""

@@ -9,11 +9,11 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from cell.bin import Bin, Box, table
 from cell.camera import Intrinsics, look_at
@@ -120,7 +120,12 @@ class StopConfig(Config):
 class CarryConfig(Config):
     """How the held workpiece is moved."""
 
-    speed_scale: float = Field(default=0.8, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
+    speed_scale: float = Field(default=0.7, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
+
+
+def robots() -> list[str]:
+    """Names of the shipped robots, without loading the libraries of their folder."""
+    return sorted(path.parent.name for path in (SHIPPED.parent / "robots").glob("*/robot.yaml"))
 
 
 class Scenario(Config):
@@ -132,7 +137,7 @@ class Scenario(Config):
     seed: int = Field(
         default=0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ..."
     )
-    robot: Literal["lrmate200id"] = "lrmate200id"
+    robot: str = Field(default="lrmate200id", description="a folder of robots/")
     gripper: str = "jaw_v1"
     source_bin: BinConfig = BinConfig(position=(0.45, 0.0, 0.01))
     place_bin: BinConfig = BinConfig(inner=(0.40, 0.30, 0.06), position=(0.16, -0.43, 0.01))
@@ -145,6 +150,13 @@ class Scenario(Config):
     limits: LimitsConfig = LimitsConfig()
     stop: StopConfig = StopConfig()
     carry: CarryConfig = CarryConfig()
+
+    @field_validator("robot")
+    @classmethod
+    def _known(cls, robot: str) -> str:
+        if robot not in robots():
+            raise ValueError(f"one of: {', '.join(robots())}")
+        return robot
 
 
 def list_scenarios() -> list[str]:

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from cell.bin import Box
 from cell.frames import Array, apply, invert, make_transform
-from robots.collision import MAX_JOINT_STEP, MAX_TIP_STEP, CollisionScene, HeightField, _coarse_to_fine
+from robots.collision import CollisionScene, HeightField, _coarse_to_fine
 from robots.inverse import inverse
 from robots.model import RobotModel, forward
 from tests.robots.arm_cell import CELL, DOWN, PART, T_FLANGE_TOOL, TOOL
@@ -60,16 +61,51 @@ def test_a_thin_wall_is_not_tunnelled(robot: RobotModel) -> None:
         assert scene.path_contact(ends) in {(f.name, "thin") for f in fingers}
 
 
-def test_path_samples_are_close_and_keep_the_corners(robot: RobotModel, scene: CollisionScene) -> None:
-    way = np.random.default_rng(1).uniform(robot.lower, robot.upper, (4, 6))
-    samples = scene._samples(way)
-    assert np.abs(np.diff(samples, axis=0)).max() <= MAX_JOINT_STEP + 1e-12
-    corners = apply(forward(robot, samples), scene._tool_corners())
-    assert np.linalg.norm(np.diff(corners, axis=0), axis=-1).max() <= 1.02 * MAX_TIP_STEP
-    for corner in way:
-        assert np.abs(samples - corner).max(axis=1).min() < 0.5 * MAX_JOINT_STEP
-    assert len(scene._samples(way[:1])) == 1
-    assert len(scene._samples(np.repeat(way[:1], 3, axis=0))) == 1
+def test_nothing_travels_further_than_is_said(robot: RobotModel, scene: CollisionScene) -> None:
+    """Between any two joint vectors of a path, no surface point of any link, tool or part; points from the geometry."""
+    rng = np.random.default_rng(1)
+    scene.hold(HELD)
+    geometry = pin.buildGeomFromUrdf(robot.kinematics, str(robot.urdf), pin.GeometryType.COLLISION)
+    data, placed = robot.kinematics.createData(), geometry.createData()
+    local = []
+    for shape in geometry.geometryObjects:
+        shape.geometry.computeLocalAABB()
+        low, high = shape.geometry.aabb_local.min_, shape.geometry.aabb_local.max_
+        local.append(low + np.array(list(np.ndindex(2, 2, 2))) * (high - low))
+
+    def surface(q: Array) -> Array:
+        pin.updateGeometryPlacements(robot.kinematics, data, geometry, placed, q)
+        links = [p @ T.rotation.T + T.translation for p, T in zip(local, placed.oMg, strict=True)]
+        return np.concatenate([*links, apply(forward(robot, q), scene.corners)])
+
+    for _ in range(30):
+        ends = rng.uniform(robot.lower, robot.upper, (2, 6))
+        ends[1] = ends[0] + 0.3 * (ends[1] - ends[0])
+        knots, travel = scene._travel(ends)
+        points = np.stack([surface(q) for q in knots])
+        moved = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(axis=1)
+        assert (np.diff(travel) >= moved).all()
+
+
+def test_a_path_is_blocked_where_fine_single_checks_say_so(robot: RobotModel, scene: CollisionScene) -> None:
+    """The margins of the path check against checks of single configurations 0.3 mm apart, without broad phase."""
+    rng, hits, agreed = np.random.default_rng(2), 0, 0
+    checker = scene._checker("transit")
+    for _ in range(30):
+        a, b = (at(robot, *rng.uniform([0.3, -0.15, 0.05], [0.55, 0.15, 0.2])) for _ in range(2))
+        _, travel = scene._travel(np.stack([a, b]))
+        fine = np.linspace(a, b, int(travel[-1] / 0.3e-3) + 2)
+        touches = any(
+            pin.computeCollisions(checker.model, checker.data, checker.geometry, checker.geometry_data, q, True)
+            for q in fine
+        )
+        free = scene.free_path(np.stack([a, b]))
+        checker.free(a)  # the margin back to zero
+        hits += touches
+        assert not (free and touches)
+        agreed += free != touches
+    assert 2 < hits < 25
+    assert agreed == 30
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 7, 8, 9, 64, 100])

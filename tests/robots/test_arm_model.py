@@ -43,5 +43,7 @@ def test_pendant_coupling(robot: RobotModel) -> None:
 
 
 def test_unknown_robot_names_the_known() -> None:
-    with pytest.raises(InputError, match=r"robot: 'arm' is not valid; expected one of: lrmate200id"):
+    with pytest.raises(
+        InputError, match=r"robot: 'arm' is not valid; expected one of: lrmate200id, lrmate200id7l, m20id25"
+    ):
         load_robot("arm")

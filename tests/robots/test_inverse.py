@@ -2,15 +2,42 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from cell.frames import make_transform
 from robots.inverse import FRONT, branch, flange_poses, inverse, reachable
-from robots.model import RobotModel, forward
+from robots.model import RobotModel, forward, list_robots, load_robot
 from tests.robots.arm_cell import DOWN, PLACE, SOURCE, T_FLANGE_TOOL, tilted
 
 
 def random_q(robot: RobotModel, n: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (n, 6))
+
+
+@pytest.mark.parametrize("name", list_robots())
+def test_closed_form_is_numeric_kinematics_on_100_000_poses(name: str) -> None:
+    """Of every shipped robot: the pose by Pinocchio from the URDF, the joints by the closed form, and back."""
+    robot = load_robot(name)
+    q = random_q(robot, 100_000)
+    Ts = forward(robot, q)
+    assert np.abs(flange_poses(robot, q) - Ts).max() < 1e-11
+    found, slot = inverse(robot, Ts, robot.home), branch(robot, q)
+    mine, at = found.q[np.arange(len(q)), slot], found.sigma[np.arange(len(q)), slot]
+    assert np.abs(flange_poses(robot, mine) - Ts).max() < 1e-9
+    assert found.valid[np.arange(len(q)), slot].mean() > 0.9999
+    clear = at > 1e-3
+    assert clear.mean() > 0.98
+    turns = (mine - q)[clear] / (2 * np.pi)
+    assert np.abs(turns - np.round(turns)).max() < 1e-8
+
+
+@pytest.mark.parametrize("name", list_robots())
+def test_the_reach_is_the_data_sheets(name: str) -> None:
+    robot = load_robot(name)
+    o = robot.opw
+    assert o.a1 + o.c2 + np.hypot(o.a2, o.c3) == pytest.approx(robot.reach, abs=1e-3)
+    np.testing.assert_allclose(robot.kinematics.velocityLimit, robot.velocity)
+    assert robot.within_limits(robot.home, margin=0.1)
 
 
 def test_every_branch_leads_back_to_its_pose(robot: RobotModel) -> None:

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from cell.bin import Box
-from cell.frames import Array, make_transform
+from cell.frames import Array, invert, make_transform
 from robots.collision import CollisionScene
-from robots.inverse import FRONT, branch
+from robots.inverse import FRONT, branch, inverse
 from robots.model import RobotModel, forward
-from robots.plan import PickPlan, PickRequest, PlanFailure, check_grasps, plan_pick
+from robots.plan import UP, PickPlan, PickRequest, PlanFailure, check_grasps, plan_pick
 from robots.search import search
+from robots.trajectory import Trajectory
 from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at, tilted
 from tests.robots.test_trajectory import assert_at_rest, assert_keeps_limits
 
@@ -26,23 +27,34 @@ def tool(robot: RobotModel, q: Array) -> Array:
 def assert_carries_out(scene: CollisionScene, request: PickRequest, plan: PickPlan) -> None:
     """The laws of every plan: joined up, within limits, free all along, at the poses asked for."""
     robot = scene.robot
-    for trajectory in plan.trajectories:
+    motions = [plan.approach, joined(plan.lift, plan.carry)]
+    motions += [plan.leave] if len(plan.leave.q) > 1 else []
+    for trajectory in motions:
         assert_keeps_limits(robot, trajectory)
         assert_at_rest(trajectory)
     for a, b in pairwise(plan.trajectories):
         np.testing.assert_allclose(a.q[-1], b.q[0], atol=1e-9)
+        np.testing.assert_allclose(a.qd[-1], b.qd[0], atol=1e-9)
     np.testing.assert_allclose(plan.approach.q[0], request.q_start, atol=1e-12)
-    np.testing.assert_allclose(plan.leave.q[-1], request.q_end, atol=1e-12)
+    q_end = plan.carry.q[-1] if request.q_end is None else request.q_end
+    np.testing.assert_allclose(plan.leave.q[-1], q_end, atol=1e-12)
     grasp, place = request.T_base_tool_grasp, request.Ts_base_tool_place[plan.place]
     np.testing.assert_allclose(tool(robot, plan.approach.q[-1]), grasp, atol=1e-6)
     np.testing.assert_allclose(tool(robot, plan.carry.q[-1]), place, atol=1e-6)
-    lifted = grasp[:3, 3] + request.retract * np.array(request.retract_direction)
-    np.testing.assert_allclose(tool(robot, plan.lift.q[-1])[:3, 3], lifted, atol=1e-6)
-    for q in (plan.approach.q[-1], plan.lift.q[-1], plan.carry.q[-1]):
+    for q in (plan.approach.q[-1], plan.carry.q[-1]):
         assert int(branch(robot, q)) == plan.branch in FRONT
 
+    straight = request.straight or 1.0
+    down = grasp[:3, 2]
+    into = tool(robot, plan.approach.q)[:, :3, 3] - grasp[:3, 3]
+    assert off_line(into, -down, min(straight, request.approach)) < 0.2e-3
+    out = tool(robot, plan.lift.q)[:, :3, 3] - grasp[:3, 3]
+    assert off_line(out, np.array(request.retract_direction), min(straight, request.retract)) < 0.2e-3
+    onto = tool(robot, plan.carry.q)[:, :3, 3] - place[:3, 3]
+    assert off_line(onto, UP, min(straight, request.place_height)) < 0.2e-3
+
     assert scene.path_contact(plan.approach.q, "contact") is None
-    before_line = np.linalg.norm(tool(robot, plan.approach.q)[:, :3, 3] - grasp[:3, 3], axis=1) > request.approach
+    before_line = np.linalg.norm(into, axis=1) > request.approach
     assert scene.path_contact(plan.approach.q[before_line]) is None
     assert scene.path_contact(plan.leave.q) is None
     scene.hold([Box(b.name, b.size, T_FLANGE_TOOL @ b.T_world_box) for b in request.held_tool], request.held_tolerance)
@@ -50,10 +62,21 @@ def assert_carries_out(scene: CollisionScene, request: PickRequest, plan: PickPl
     assert scene.path_contact(plan.carry.q) is None
     scene.release()
 
-    for carried in (plan.lift, plan.carry):
-        points = tool(robot, carried.q)[:-1, :3, 3]
-        acceleration = np.linalg.norm(np.diff(points, 2, axis=0), axis=1) / carried.dt**2
-        assert acceleration.max() <= 1.05 * request.carry_acceleration
+    points = tool(robot, motions[1].q)[:-1, :3, 3]
+    acceleration = np.linalg.norm(np.diff(points, 2, axis=0), axis=1) / plan.carry.dt**2
+    assert acceleration.max() <= 1.05 * request.carry_acceleration
+
+
+def joined(first: Trajectory, second: Trajectory) -> Trajectory:
+    q, qd = (np.concatenate([a, b[1:]]) for a, b in ((first.q, second.q), (first.qd, second.qd)))
+    return Trajectory("both", q, qd, first.dt)
+
+
+def off_line(points: Array, way: Array, length: float) -> float:
+    """How far points (n, 3) within `length` of the origin are from the line along `way` in [m]."""
+    near = points[np.linalg.norm(points, axis=1) < length - 1e-6]
+    assert len(near) > 5
+    return float(np.linalg.norm(near - (near @ way)[:, None] * way, axis=1).max())
 
 
 @pytest.mark.parametrize(
@@ -65,6 +88,39 @@ def test_a_pick_from_home_to_home(robot: RobotModel, scene: CollisionScene, x: f
     assert isinstance(plan, PickPlan), plan
     assert_carries_out(scene, request, plan)
     assert scene.held == ()
+
+
+def test_picks_one_after_the_other_without_going_home(robot: RobotModel, scene: CollisionScene) -> None:
+    """The arm waits where it let the part go; the next pick leaves that place straight up and may round its lines."""
+    request = replace(request_at(robot, 0.45, 0.0), q_end=None, straight=0.02)
+    first = plan_pick(scene, request)
+    assert isinstance(first, PickPlan), first
+    assert_carries_out(scene, request, first)
+    assert len(first.leave.q) == 1
+    assert first.cleared == 0
+    waits = first.carry.q[-1]
+    request = replace(request_at(robot, 0.41, 0.03, tilted(20, 60, 30)), q_start=waits, q_end=None, straight=0.02)
+    request = replace(request, depart=0.08)
+    second = plan_pick(scene, request)
+    assert isinstance(second, PickPlan), second
+    assert_carries_out(scene, request, second)
+    away = tool(robot, second.approach.q)[:, :3, 3] - tool(robot, waits)[:3, 3]
+    assert off_line(away, UP, 0.02) < 0.2e-3
+    assert np.linalg.norm(away[second.cleared]) >= 0.08
+    assert np.linalg.norm(away[second.cleared - 1]) < 0.08
+    whole = plan_pick(scene, replace(request, straight=None))
+    assert isinstance(whole, PickPlan)
+    assert second.duration < 0.9 * whole.duration
+
+
+def test_of_places_equally_wanted_the_quickest_is_used(robot: RobotModel, scene: CollisionScene) -> None:
+    request = request_at(robot, 0.45, 0.0)
+    plans = [plan_pick(scene, replace(request, place_rank=rank)) for rank in (None, (0, 0, 0), (1, 1, 0))]
+    carried = [p.lift.duration + p.carry.duration for p in plans if isinstance(p, PickPlan)]
+    places = [p.place for p in plans if isinstance(p, PickPlan)]
+    assert places[0] == 0
+    assert places[1:] == [2, 2]  # the nearest to the source bin
+    assert carried[1] < carried[0]
 
 
 def test_the_first_free_place_is_used(robot: RobotModel) -> None:
@@ -156,11 +212,28 @@ def test_grasps_are_checked_one_at_a_time(robot: RobotModel, scene: CollisionSce
     assert next(check_grasps(scene, Ts, T_FLANGE_TOOL)) is None
 
 
-def test_home_leaves_the_cameras_view_free(robot: RobotModel) -> None:
-    """No link or tool box reaches into the pyramid from the camera to the source bin's rim, 5 cm wider all round."""
+def view_slices() -> list[Box]:
+    """The pyramid from the camera to the source bin's rim, 5 cm wider all round."""
     camera, rim = np.array([0.45, 0.0, 0.85]), np.array([0.13 + 0.05, 0.10 + 0.05])
     slices = []
     for z in np.arange(0.01, 0.85, 0.02):
         half = rim * (camera[2] - z) / (camera[2] - 0.09) if z > 0.09 else rim
         slices.append(Box("view", (2 * half[0], 2 * half[1], 0.02), make_transform(t=(*camera[:2], z))))
-    assert CollisionScene(robot, TOOL, slices).first_contact(robot.home) is None
+    return slices
+
+
+def test_home_leaves_the_cameras_view_free(robot: RobotModel) -> None:
+    assert CollisionScene(robot, TOOL, view_slices()).first_contact(robot.home) is None
+
+
+def test_waiting_at_a_place_leaves_the_cameras_view_free(robot: RobotModel) -> None:
+    """At every place over the place bin of the bracket's scenario, tool down or leaning, in either branch."""
+    scene, rng, seen = CollisionScene(robot, TOOL, view_slices()), np.random.default_rng(0), 0
+    points = np.array([0.16, -0.43, 0.03]) + rng.uniform([-0.18, -0.13, 0.0], [0.18, 0.13, 0.08], (150, 3))
+    R = np.stack([tilted(rng.uniform(0, 45), *rng.uniform(0, 360, 2)) for _ in points])
+    found = inverse(robot, make_transform(R, points) @ invert(T_FLANGE_TOOL))
+    for slot in FRONT:
+        for q in found.q[found.valid[:, slot], slot]:
+            assert scene.first_contact(q) is None
+            seen += 1
+    assert seen > 150

@@ -11,14 +11,12 @@ from robots.timing import JointPath
 from robots.trajectory import (
     Trajectory,
     concatenate,
-    flying_motion,
     follow,
     gentle_scale,
     joint_move,
     joint_path,
     linear_move,
     move_motion,
-    reverse,
     tool_acceleration,
     tool_line,
 )
@@ -105,21 +103,6 @@ def test_a_line_that_leaves_the_workspace_is_told(robot: RobotModel) -> None:
     assert "joint limit of J6" in either_way
 
 
-def test_flying_into_a_line_is_smooth_and_quicker(robot: RobotModel) -> None:
-    T0, T1 = flange(0.45, 0.03, 0.15), flange(0.45, 0.03, 0.04)
-    line = tool_line(robot, T0, T1, solve(robot, T0))
-    assert isinstance(line, JointPath)
-    motion = flying_motion(robot, robot.home, line, 1.0)
-    assert motion is not None
-    flying = Trajectory("fly", *motion.sampled(1 / 480), 1 / 480)
-    assert_keeps_limits(robot, flying)
-    assert_at_rest(flying)
-    stopping = joint_move(robot, robot.home, line.start).duration + follow(robot, line).duration
-    assert flying.duration < stopping
-    on_line = flying.q[int(np.ceil(motion.segments[0].duration * 480)) :]
-    assert np.abs(forward(robot, on_line)[:, :2, 3] - T0[:2, 3]).max() < 0.2e-3
-
-
 def test_gentle_scale_bounds_the_tools_acceleration(robot: RobotModel) -> None:
     motion = move_motion(robot, robot.home, solve(robot, flange(0.45, 0, 0.15)))
     assert tool_acceleration(robot, motion, T_FLANGE_TOOL) > 5.0
@@ -129,14 +112,12 @@ def test_gentle_scale_bounds_the_tools_acceleration(robot: RobotModel) -> None:
     assert np.linalg.norm(np.diff(points, 2, axis=0) * 480**2, axis=1).max() <= 5.0
 
 
-def test_concatenate_and_reverse(robot: RobotModel) -> None:
+def test_concatenate(robot: RobotModel) -> None:
     a, b = robot.home, robot.home + 0.3
     there, back = joint_move(robot, a, b), joint_move(robot, b, a)
     both = concatenate("both", [there, back])
     assert both.duration == pytest.approx(there.duration + back.duration)
     np.testing.assert_array_equal(both.q, joint_path(robot, [a, b, a]).q)
-    np.testing.assert_array_equal(reverse(reverse(there, "x"), "y").q, there.q)
-    assert_keeps_limits(robot, reverse(there, "back"))
     with pytest.raises(ValueError, match="does not start where"):
         concatenate("jump", [there, there])
 

@@ -1,0 +1,234 @@
+"""`pickproof benchmark motion`: how quick the arm is on real picks, beside what limits allow, and what planning costs.
+
+Bins are filled and grasps chosen as in a run, with perfect poses; each pick is planned from where the last one ended,
+its workpiece is put where the plan lets it go, and the next image is taken. Nothing is executed: jaws are timed by
+`jaw_times`, which a test holds against the physics. Times of computation are those of one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from cell.errors import InputError
+from cell.execute import jaw_times
+from cell.frames import Array, invert
+from robots.bound import lower_bound, stop_at_each
+from robots.collision import CollisionScene
+from robots.inverse import inverse
+from robots.model import RobotModel
+from robots.plan import PickPlan, PickRequest
+from scenarios.episode import oracle_perception
+from scenarios.pick import FALL_TIME, Decision, Memory, choose, decide, release_opening, request_of
+from scenarios.place import PlacePlan
+from scenarios.scan import scan_heights
+from scenarios.scenario import Scenario, load_scenario
+from scenarios.workcell import Workcell
+
+PICKS_OF_A_BIN = 14
+"""Fewer than half of the workpieces: a bin that is nearly empty is another task."""
+REPEATS = 3
+"""Times each pick is planned; the quickest counts, as the machine may be busy."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One pick.
+
+    Attributes:
+        steady: it began where another ended, not at home.
+        motion_s: of the plan; jaws_s: closing, opening and the fall of the workpiece.
+        bound_s: of the motion; stop_s: of the motion that stops at every point.
+        plan_s: of choosing among the candidates and planning, scene and height field included.
+        ik_s: of one pose; collision_s: of one check.
+    """
+
+    steady: bool
+    motion_s: float
+    jaws_s: float
+    bound_s: float
+    stop_s: float
+    plan_s: float
+    ik_s: float
+    collision_s: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `pickproof benchmark motion`."""
+    parser.add_argument("subject", choices=("motion",), metavar="motion", help="what is measured")
+    parser.add_argument("scenario", nargs="?", default="bracket", metavar="SCENARIO", help="default: bracket")
+    parser.add_argument("--picks", type=int, default=42, metavar="N", help="picks that are planned (default 42)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+
+
+def main_benchmark_motion(args: argparse.Namespace) -> int:
+    """Run `pickproof benchmark motion`."""
+    if not 2 <= args.picks <= 10_000:
+        raise InputError("command line", "--picks", args.picks, "from 2 to 10000")
+    scenario = load_scenario(args.scenario)
+    measured = list(measure(scenario, args.picks))
+    if not any(m.steady for m in measured):
+        raise InputError(
+            "command line", "SCENARIO", args.scenario, "one whose workpieces can be picked one after another"
+        )
+    figures = summary(measured)
+    if args.json is not None:
+        args.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    _show(figures, scenario)
+    return 0
+
+
+def measure(scenario: Scenario, picks: int) -> Iterator[Measured]:
+    """That many picks, from as many bins as it takes; a bin that offers nothing more is left."""
+    done, seed = 0, scenario.seed
+    while done < picks:
+        cell = Workcell.build(scenario, seed)
+        try:
+            for one in _empty(cell, seed, min(PICKS_OF_A_BIN, picks - done)):
+                done += 1
+                yield one
+        finally:
+            cell.close()
+        seed += 1
+        if seed - scenario.seed > picks:
+            return
+
+
+def summary(measured: list[Measured]) -> dict[str, Any]:
+    """The figures as they are written: times of the robot over the picks that began where another ended.
+
+    `cycle_over_bound` holds the whole cycle against the bound of its motion and the same time of the jaws, which no
+    motion can save; `motion_over_bound` the motion against the bound of the motion.
+    """
+    steady = [m for m in measured if m.steady]
+    motion, jaws, bound, stop = (
+        np.array([getattr(m, name) for m in steady]) for name in ("motion_s", "jaws_s", "bound_s", "stop_s")
+    )
+    cycle = motion + jaws
+    plan_ms = 1e3 * np.array([m.plan_s for m in measured])
+    return {
+        "picks": len(measured),
+        "cycle_s": {"mean": float(cycle.mean()), "p95": float(np.quantile(cycle, 0.95))},
+        "motion_s": float(motion.mean()),
+        "jaws_s": float(jaws.mean()),
+        "bound_s": float((bound + jaws).mean()),
+        "cycle_over_bound": float(cycle.mean() / (bound + jaws).mean()),
+        "motion_over_bound": float(motion.mean() / bound.mean()),
+        "stop_at_each_s": float((stop + jaws).mean()),
+        "ik_us": 1e6 * min(m.ik_s for m in measured),
+        "collision_us": 1e6 * float(np.median([m.collision_s for m in measured])),
+        "plan_ms": {"median": float(np.median(plan_ms)), "p99": float(np.quantile(plan_ms, 0.99))},
+    }
+
+
+def _empty(cell: Workcell, seed: int, picks: int) -> Iterator[Measured]:
+    """Picks of one bin, one after the other."""
+    memory = Memory(PlacePlan(cell.place, cell.workpiece))
+    for attempt in range(picks):
+        rng = np.random.default_rng((seed, 1, attempt))
+        frame, ids = cell.capture(rng)
+        estimates = oracle_perception(cell, frame, ids, rng)
+        selection = choose(cell, frame, estimates, memory, attempt)
+        plan_seed = int(rng.integers(2**31))
+        plan_s, decision = _quickest(partial(decide, cell, frame, selection, memory, plan_seed))
+        if decision.candidate is None or decision.plan is None:
+            return
+        request = request_of(cell, decision.candidate, memory, plan_seed)
+        scene = CollisionScene(
+            cell.robot,
+            cell.gripper.flange_boxes(decision.candidate.opening),
+            cell.obstacles,
+            scan_heights(cell, frame),
+        )
+        yield _measured(cell, scene, request, decision, memory.waits_at is not None, plan_s)
+        _carry_out(cell, request, decision, estimates.Ts_world_part[decision.candidate.estimate], memory)
+
+
+def _measured(
+    cell: Workcell, scene: CollisionScene, request: PickRequest, decision: Decision, steady: bool, plan_s: float
+) -> Measured:
+    plan, candidate = decision.plan, decision.candidate
+    assert plan is not None and candidate is not None
+    place = request.Ts_base_tool_place[plan.place]
+    closing, opening = jaw_times(
+        cell.gripper,
+        candidate.opening,
+        candidate.point.width,
+        release_opening(cell, candidate.opening, place),
+    )
+    return Measured(
+        steady=steady,
+        motion_s=plan.duration,
+        jaws_s=closing + opening + FALL_TIME,
+        bound_s=lower_bound(cell.robot, plan),
+        stop_s=stop_at_each(cell.robot, request, plan),
+        plan_s=plan_s,
+        ik_s=_ik_time(cell.robot, request),
+        collision_s=_collision_time(scene, request, plan),
+    )
+
+
+def _carry_out(cell: Workcell, request: PickRequest, decision: Decision, T_world_part: Array, memory: Memory) -> None:
+    """Put the workpiece where the plan lets it go and let everything come to rest; the arm waits there."""
+    plan, candidate = decision.plan, decision.candidate
+    assert plan is not None and candidate is not None
+    distances = np.linalg.norm(cell.world.part_poses()[:, :3, 3] - T_world_part[:3, 3], axis=1)
+    T_world_placed = request.Ts_base_tool_place[plan.place] @ invert(candidate.T_part_tool)
+    cell.world.place_part(int(np.argmin(distances)), T_world_placed)
+    cell.world.run_until_rest(2.0)
+    memory.place.fill(plan.place)
+    memory.waits_at = plan.carry.q[-1]
+
+
+def _ik_time(robot: RobotModel, request: PickRequest) -> float:
+    """Of one flange pose among 1,000, in [s]."""
+    Ts = request.Ts_base_tool_place @ invert(request.T_flange_tool)
+    Ts = np.concatenate([Ts] * (1000 // len(Ts) + 1))[:1000]
+    return _quickest(lambda: inverse(robot, Ts, request.q_start))[0] / len(Ts)
+
+
+def _collision_time(scene: CollisionScene, request: PickRequest, plan: PickPlan) -> float:
+    """Of one check of arm, tool and held part on the way to the place, in [s]."""
+    scene.hold([replace(b, T_world_box=request.T_flange_tool @ b.T_world_box) for b in request.held_tool])
+    rows = plan.carry.q[:: max(1, len(plan.carry.q) // 50)]
+    seconds, _ = _quickest(lambda: [scene.free(q) for q in rows])
+    scene.release()
+    return seconds / len(rows)
+
+
+def _quickest(call: Callable[[], Any]) -> tuple[float, Any]:
+    """Processor time in [s] and the result."""
+    seconds, result = np.inf, None
+    for _ in range(REPEATS):
+        start = time.process_time()
+        result = call()
+        seconds = min(seconds, time.process_time() - start)
+    return float(seconds), result
+
+
+def _show(figures: dict[str, Any], scenario: Scenario) -> None:
+    table = Table(title=f"motion: {figures['picks']} picks of {scenario.name}, {scenario.robot}", show_header=False)
+    cycle, plan = figures["cycle_s"], figures["plan_ms"]
+    rows = (
+        ("robot time of a cycle", f"{cycle['mean']:.2f} s mean, {cycle['p95']:.2f} s p95"),
+        ("  motion + jaws", f"{figures['motion_s']:.2f} s + {figures['jaws_s']:.2f} s"),
+        ("lower bound of the cycle", f"{figures['bound_s']:.2f} s, ratio {figures['cycle_over_bound']:.2f}"),
+        ("  of the motion alone", f"ratio {figures['motion_over_bound']:.2f}"),
+        ("stopping at every point", f"{figures['stop_at_each_s']:.2f} s"),
+        ("inverse kinematics, all branches", f"{figures['ik_us']:.1f} us a pose"),
+        ("collision check", f"{figures['collision_us']:.0f} us"),
+        ("planning of a whole pick", f"{plan['median']:.0f} ms median, {plan['p99']:.0f} ms p99"),
+    )
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)

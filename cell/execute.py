@@ -12,7 +12,7 @@ import numpy as np
 from cell.arm import Arm
 from cell.errors import SimulationError
 from cell.frames import Array
-from cell.gripper import Gripper
+from cell.jaw import ParallelJaw
 from cell.world import World
 
 HELD_FORCE = 0.5  # [N] of each finger on a workpiece that counts as held
@@ -124,13 +124,13 @@ def open_jaws(
     return JawState(arm.opening, finger_forces(world, arm), held_parts(world, arm), log)
 
 
-def jaw_times(gripper: Gripper, opening: float, width: float, released: float) -> tuple[float, float]:
+def jaw_times(jaw: ParallelJaw, opening: float, width: float, released: float) -> tuple[float, float]:
     """Times in [s] of `close_jaws` from `opening` onto a workpiece of `width`, and of `open_jaws` to `released` [m].
 
     The fingers reach the gripper's speed at once, next to these times; they settle on the workpiece.
     """
-    close = (opening - width) / 2 / gripper.speed + CLOSE_EASE + CLOSE_SETTLE
-    return close, (released - width) / 2 / gripper.speed + OPEN_EASE + OPEN_SETTLE
+    close = (opening - width) / 2 / jaw.speed + CLOSE_EASE + CLOSE_SETTLE
+    return close, (released - width) / 2 / jaw.speed + OPEN_EASE + OPEN_SETTLE
 
 
 def forget_contacts(world: World, arm: Arm) -> None:

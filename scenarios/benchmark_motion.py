@@ -161,7 +161,7 @@ def _measured(
     assert plan is not None and candidate is not None
     place = request.Ts_base_tool_place[plan.place]
     closing, opening = jaw_times(
-        cell.gripper,
+        cell.arm.jaw,
         candidate.opening,
         candidate.point.width,
         release_opening(cell, candidate.opening, place),

@@ -15,7 +15,7 @@ def test_jaw_times_are_those_of_the_physics() -> None:
     try:
         cell.line(cell.grasp(), 15.0)
         open_jaws(cell.world, cell.arm, OPENING)
-        closing, opening = jaw_times(cell.arm.gripper, OPENING, WIDTH, RELEASED)
+        closing, opening = jaw_times(cell.arm.jaw, OPENING, WIDTH, RELEASED)
         jaws = close_jaws(cell.world, cell.arm)
         assert jaws.parts == (0,)
         assert jaws.log.time == pytest.approx(closing, abs=0.03)

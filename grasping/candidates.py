@@ -15,8 +15,8 @@ from cell.gripper import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper, covered_share, thin, without_workpiece
 from grasping.grasp_points import GraspPoint, GraspPoses
+from grasping.verdict import Verdict
 
-MAX_TILT = np.deg2rad(50.0)  # of the approach from the vertical
 NEAR = 0.09  # [m] around an estimate within which the heap can be in the gripper's way
 CHUNK = 24
 ESTIMATES_ENOUGH = 12
@@ -36,6 +36,7 @@ class GraspingConfig(Config):
     weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
     weight_clearance: float = Field(default=0.5, ge=0, description="of the wanted depth, near the grasp point's centre")
     weight_uncovered: float = Field(default=2.0, ge=0, description="of a workpiece on which nothing lies")
+    min_score: float = Field(default=0.0, ge=0, le=1, description="of an estimate below which nothing is gripped")
     max_candidates: int = Field(default=200, ge=1, le=1000, description="candidates handed on to planning, best first")
 
 
@@ -66,8 +67,7 @@ class Selection:
     """Candidates, best first, and for every estimate how many poses of which grasp were ruled out by what.
 
     Attributes:
-        ruled_out: estimate -> grasp name -> reason -> count; reasons are `avoided`, `tolerance`, `tilt`,
-            `gripper_bin`, `gripper_heap`, `outranked`.
+        ruled_out: estimate -> grasp name -> verdict -> count.
     """
 
     candidates: list[GraspCandidate]
@@ -106,8 +106,11 @@ def select(
     for k in np.argsort(-wanted, kind="stable"):
         k, T_world_part = int(k), Ts_world_part[k]
         enough = pickable >= ESTIMATES_ENOUGH
-        verdicts = np.full(len(poses.index), "avoided" if avoided[k] else "outranked", dtype="<U12")
-        if not avoided[k] and not enough:
+        stop = Verdict.AVOIDED if avoided[k] else Verdict.OUTRANKED
+        if scores[k] < weights.min_score:
+            stop = Verdict.SCORE
+        verdicts = np.full(len(poses.index), stop, dtype="<U12")
+        if stop == Verdict.OUTRANKED and not enough:
             loose = tolerances < (0.0 if errors is None else float(errors[k]))
             near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < NEAR
             others = without_workpiece(scene[near], T_world_part, workpiece)
@@ -122,7 +125,7 @@ def select(
                 point = poses.points[poses.index[i]]
                 found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, float(rank[i]), own))
             pickable += bool((verdicts == "").any())
-        counts: dict[str, Counter[str]] = {}
+        counts = {name: Counter({str(Verdict.DISABLED): n}) for name, n in poses.disabled.items()}
         for i, verdict in zip(poses.index, verdicts, strict=True):
             if verdict:
                 counts.setdefault(poses.points[i].name, Counter())[str(verdict)] += 1
@@ -130,21 +133,30 @@ def select(
     found.sort(key=lambda c: -c.rank)
     for candidate in found[weights.max_candidates :]:
         of_point = ruled_out[candidate.estimate].setdefault(candidate.point.name, {})
-        of_point["outranked"] = of_point.get("outranked", 0) + 1
+        of_point[str(Verdict.OUTRANKED)] = of_point.get(str(Verdict.OUTRANKED), 0) + 1
     return Selection(found[: weights.max_candidates], ruled_out)
 
 
 def _terms(T_world_part: Array, score: float, height: float, poses: GraspPoses) -> dict[str, Array]:
     """Terms (n,) of the ranking for every pose of one estimate, each in [0, 1]."""
-    downwards = -(T_world_part @ poses.Ts_part_tool)[:, 2, 2]
+    along, limit = tilts(T_world_part @ poses.Ts_part_tool, poses)
     n = len(poses.index)
     return {
         "score": np.full(n, score),
         "height": np.full(n, height),
-        "upright": np.clip((downwards - np.cos(MAX_TILT)) / (1 - np.cos(MAX_TILT)), 0.0, 1.0),
+        "upright": np.clip((along - limit) / np.maximum(1.0 - limit, 1e-9), 0.0, 1.0),
         "priority": np.array([poses.points[i].priority for i in poses.index]),
         "clearance": np.clip(1.0 - 0.5 * poses.depth_rank - 10.0 * poses.offset, 0.0, 1.0),
     }
+
+
+def tilts(Ts_world_tool: Array, poses: GraspPoses) -> tuple[Array, Array]:
+    """Cosine (n,) of the angle between each approach and the one preferred in the world, and the least allowed."""
+    wanted = np.array([p.world_approach for p in poses.points])
+    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
+    limit = np.cos(np.deg2rad([p.max_tilt_deg for p in poses.points]))
+    along = np.einsum("ij,ij->i", Ts_world_tool[:, :3, 2], wanted[poses.index])
+    return along, limit[poses.index]
 
 
 def _with_room(
@@ -163,12 +175,13 @@ def _with_room(
     pose out is written to `verdicts` (n,); the empty string for those returned.
     """
     verdicts[:] = ""
-    verdicts[loose] = "tolerance"
-    tilted = -Ts[:, 2, 2] < np.cos(MAX_TILT)
-    verdicts[~loose & tilted] = "tilt"
+    verdicts[loose] = Verdict.TOLERANCE
+    along, limit = tilts(Ts, poses)
+    tilted = along < limit - 1e-9
+    verdicts[~loose & tilted] = Verdict.TILT
     for opening, shape in grippers.items():
         mine = np.flatnonzero(~loose & ~tilted & (poses.openings == opening))
-        verdicts[mine[shape.hits_bin(Ts[mine], bin)]] = "gripper_bin"
+        verdicts[mine[shape.hits_bin(Ts[mine], bin)]] = Verdict.GRIPPER_BIN
     alive = np.flatnonzero(verdicts == "")
     alive = alive[np.argsort(-rank[alive], kind="stable")]
     kept: list[int] = []
@@ -178,9 +191,9 @@ def _with_room(
         chunk = alive[start : start + CHUNK]
         for opening, shape in grippers.items():
             mine = chunk[poses.openings[chunk] == opening]
-            verdicts[mine[shape.hits_points(Ts[mine], others)]] = "gripper_heap"
+            verdicts[mine[shape.hits_points(Ts[mine], others)]] = Verdict.GRIPPER_HEAP
         kept += [int(i) for i in chunk if verdicts[i] == ""]
-    verdicts[alive[verdicts[alive] == ""]] = "outranked"
+    verdicts[alive[verdicts[alive] == ""]] = Verdict.OUTRANKED
     kept = kept[:PER_ESTIMATE]
     verdicts[kept] = ""
     return kept

@@ -73,6 +73,13 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     report.add_argument("directory", type=Path, metavar="DIR")
     report.set_defaults(command=_report)
 
+    explain = commands.add_parser("explain", help="why one attempt did what it did: estimates, grasps, verdicts")
+    if "explain" in words[:1]:
+        from scenarios.explain import add_arguments as add_explain_arguments
+
+        add_explain_arguments(explain)
+    explain.set_defaults(command=_explain)
+
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
     benchmark = commands.add_parser("benchmark", help="compare perception with its peers and ablations")
@@ -173,6 +180,12 @@ def _report(args: argparse.Namespace) -> int:
 
     print(f"wrote {write_report(args.directory)}")
     return 0
+
+
+def _explain(args: argparse.Namespace) -> int:
+    from scenarios.explain import main_explain
+
+    return main_explain(args)
 
 
 def _train(args: argparse.Namespace) -> int:

@@ -25,6 +25,7 @@ from scenarios.pictures import depth_picture, snap
 from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.scan import scan_heights, scene_points
+from scenarios.tree import decision_tree
 from scenarios.workcell import SOURCE, Workcell
 
 PICTURED = 2
@@ -111,7 +112,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         "perceive_s": perceived - clock,
         "choose_s": chosen_at - perceived,
         "plan_s": planned - chosen_at,
-        "tree": decision_tree(estimates, selection, decision),
+        "tree": decision_tree(estimates, selection, decision, {box.name for box in cell.gripper.boxes(0.0)}),
         "pictures": {},
     }
     staged = cell.pictures and attempt < PICTURED
@@ -288,18 +289,3 @@ def move(
     world.run_until_rest(REST_LIMIT)
     after = cell.observe()
     return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok), robot_s
-
-
-def decision_tree(estimates: Estimates, selection: Selection, decision: Decision) -> list[dict[str, Any]]:
-    """Estimates -> grasps -> what ruled them out, as JSON."""
-    tree: list[dict[str, Any]] = []
-    for k, (T, score) in enumerate(zip(estimates.Ts_world_part, estimates.scores, strict=True)):
-        position = [round(float(x), 5) for x in T[:3, 3]]
-        ruled_out = selection.ruled_out[k]
-        tree.append({"score": float(score), "position": position, "ruled_out": ruled_out, "candidates": []})
-    for i, candidate in enumerate(selection.candidates):
-        verdict = "chosen" if candidate is decision.candidate else decision.refused.get(i, "outranked")
-        tree[candidate.estimate]["candidates"].append(
-            {"grasp": candidate.point.name, "rank": candidate.rank, "terms": candidate.terms, "verdict": verdict}
-        )
-    return tree

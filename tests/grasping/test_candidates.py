@@ -10,9 +10,9 @@ from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform, random_rotations
 from cell.gripper import Gripper
 from cell.workpiece import Workpiece
-from grasping.candidates import MAX_TILT, PER_ESTIMATE, GraspingConfig, Selection, select
+from grasping.candidates import PER_ESTIMATE, GraspingConfig, Selection, select
 from grasping.clearance import OpenGripper, without_workpiece
-from grasping.grasp_points import GraspPoses
+from grasping.grasp_points import MAX_TILT_DEG, GraspPoses
 
 NOTHING = np.zeros((0, 3))
 
@@ -109,7 +109,7 @@ def test_candidates_are_what_they_claim(choose: Chooser) -> None:
     assert ranks == sorted(ranks, reverse=True)
     for c in selection.candidates:
         np.testing.assert_allclose(c.T_world_tool, Ts[c.estimate] @ c.T_part_tool, atol=1e-12)
-        assert -c.T_world_tool[2, 2] >= np.cos(MAX_TILT)
+        assert -c.T_world_tool[2, 2] >= np.cos(np.deg2rad(MAX_TILT_DEG))
         shape = OpenGripper.of(choose.jaw.boxes(c.opening))
         assert not shape.hits_bin(c.T_world_tool[None], choose.source).any()
         near = points[np.linalg.norm(points - Ts[c.estimate][:3, 3], axis=1) < 0.05]

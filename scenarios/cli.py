@@ -80,6 +80,13 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         add_explain_arguments(explain)
     explain.set_defaults(command=_explain)
 
+    grasps = commands.add_parser("grasps", help="check, propose, import and export the grasp points of a workpiece")
+    if "grasps" in words[:1]:
+        from scenarios.grasps_cli import add_arguments as add_grasps_arguments
+
+        add_grasps_arguments(grasps)
+    grasps.set_defaults(command=_grasps)
+
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
     benchmark = commands.add_parser("benchmark", help="compare perception with its peers and ablations")
@@ -186,6 +193,12 @@ def _explain(args: argparse.Namespace) -> int:
     from scenarios.explain import main_explain
 
     return main_explain(args)
+
+
+def _grasps(args: argparse.Namespace) -> int:
+    from scenarios.grasps_cli import main_grasps
+
+    return main_grasps(args)
 
 
 def _train(args: argparse.Namespace) -> int:

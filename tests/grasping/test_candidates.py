@@ -12,7 +12,7 @@ from cell.gripper import Gripper
 from cell.workpiece import Workpiece
 from grasping.candidates import PER_ESTIMATE, GraspingConfig, Selection, select
 from grasping.clearance import OpenGripper, without_workpiece
-from grasping.grasp_points import MAX_TILT_DEG, GraspPoses
+from grasping.grasp_points import MAX_TILT_DEG, GraspPoses, expand
 
 NOTHING = np.zeros((0, 3))
 
@@ -133,6 +133,45 @@ def test_an_estimate_too_uncertain_for_a_grasp_is_ruled_out_by_tolerance(choose:
     selection = choose(Ts, errors=np.array([0.9 * tolerance, 1.0]))
     assert {c.estimate for c in selection.candidates} == {0}
     assert reasons(selection, 1) == {"tolerance": len(choose.poses.index)}
+
+
+def test_an_estimate_with_too_low_a_score_is_ruled_out_by_score(choose: Chooser) -> None:
+    Ts = np.stack([choose.lying(-0.06), choose.lying(0.06)])
+    selection = choose(Ts, scores=np.array([0.49, 0.5]), weights={"min_score": 0.5})
+    assert {c.estimate for c in selection.candidates} == {1}
+    assert reasons(selection, 0) == {"score": len(choose.poses.index)}
+
+
+def test_switched_off_grasps_are_counted_as_disabled(choose: Chooser) -> None:
+    points = tuple(p.model_copy(update={"enabled": p.name == "plate_from_top"}) for p in choose.poses.points)
+    fewer = expand(points, choose.bracket)
+    selection = choose(choose.lying()[None], poses=fewer)
+    assert {c.point.name for c in selection.candidates} == {"plate_from_top"}
+    of_point = selection.ruled_out[0]
+    assert {name for name, counts in of_point.items() if set(counts) == {"disabled"}} == set(fewer.disabled)
+    total = sum(reasons(selection, 0).values()) + len(selection.candidates)
+    assert total == len(choose.poses.index)
+
+
+def test_tilt_is_of_the_grasp_point_and_counts_from_its_own_direction(choose: Chooser) -> None:
+    """A part flat on the floor: a side approach is tilted by 90 degrees, unless that is what the grasp point wants."""
+    T = make_transform(t=(0, 0, 0.2)) @ choose.lying()
+    side = next(p for p in choose.poses.points if p.name == "edge_of_plate").model_copy(update={"flip": False})
+    free = choose.source
+    direction = T[:3, :3] @ np.asarray(side.approach)
+    for changes, verdicts in (
+        ({}, {"tilt"}),
+        ({"max_tilt_deg": 95.0}, set()),
+        ({"world_approach": tuple(direction)}, set()),
+        ({"world_approach": tuple(direction), "max_tilt_deg": 10.0}, {"tilt"}),
+    ):
+        poses = expand((side.model_copy(update=changes),), choose.bracket)
+        selection = choose(T[None], poses=poses, bin=free)
+        assert set(reasons(selection, 0)) - {"gripper_bin", "outranked"} == verdicts, changes
+        for c in selection.candidates:
+            limit = changes.get("max_tilt_deg", MAX_TILT_DEG)
+            wanted = np.asarray(changes.get("world_approach", (0, 0, -1)))
+            assert c.T_world_tool[:3, 2] @ wanted >= np.cos(np.deg2rad(limit)) - 1e-9
 
 
 def test_the_same_input_gives_the_same_selection(choose: Chooser) -> None:

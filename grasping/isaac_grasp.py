@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from cell.config import Config, parse, read_yaml
 from cell.errors import InputError
@@ -53,8 +53,15 @@ class _Grasp(_Open):
 
 class _File(_Open):
     format: Literal["isaac_grasp"]
-    format_version: Literal[1.0, 1, "1.0"]
+    format_version: float | str
     grasps: dict[str, _Grasp] = Field(min_length=1)
+
+    @field_validator("format_version")
+    @classmethod
+    def _known(cls, version: float | str) -> float | str:
+        if str(version) not in ("1", "1.0"):
+            raise ValueError("only version 1.0 is known")
+        return version
 
 
 def read_isaac_grasps(path: Path, T_gripper_tool: Array) -> list[GraspPoint]:

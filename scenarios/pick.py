@@ -20,12 +20,14 @@ from grasping.candidates import GraspCandidate, Selection, select
 from grasping.clearance import OpenGripper
 from robots.collision import CollisionScene
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
+from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
 from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.scan import scan_heights, scene_points
 from scenarios.tree import decision_tree
+from scenarios.weighing import comes_up_double, put_back
 from scenarios.workcell import SOURCE, Workcell
 
 PICTURED = 2
@@ -123,7 +125,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         T_world_part = estimates.Ts_world_part[decision.candidate.estimate]
         _, error, angle = nearest_true(T_world_part, before.Ts_world_part, cell.workpiece)
         pose_ok = error < cell.workpiece.tolerance
-        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, record["pictures"])
+        wrist = np.random.default_rng((seed, 2, attempt))
+        shots = record["pictures"]
+        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist)
         limits, after = cell.scenario.limits, evidence.after
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
         if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
@@ -152,7 +156,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
     """Estimates times grasp points, checked for room and ranked."""
     span = cell.scenario.stop.attempts_to_avoid
-    return select(
+    selection = select(
         estimates.Ts_world_part,
         estimates.scores,
         memory.avoided(estimates.Ts_world_part, attempt, span),
@@ -164,6 +168,7 @@ def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memo
         cell.scenario.grasping,
         estimates.residuals,
     )
+    return with_motion(selection, cell.robot, cell.gripper.T_flange_tool, cell.scenario.grasping)
 
 
 def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memory, seed: int) -> Decision:
@@ -247,10 +252,11 @@ def move(
     pose_ok: bool,
     staged: bool,
     pictures: dict[str, bytes],
+    rng: np.random.Generator,
 ) -> tuple[Evidence, float]:
     """Execute a plan in the physics; returns what was seen and the robot's time in [s].
 
-    With `staged`, pictures of the cell at each stage are added to `pictures`.
+    With `staged`, pictures of the cell at each stage are added to `pictures`; `rng` is of the wrist's force sensor.
 
     A hard touch stops the arm, as a controller's collision guard does; it is then set back to home by hand.
     """
@@ -259,7 +265,7 @@ def move(
     arm.hold_jaws(candidate.opening)
     log = execute(world, arm, plan.approach.q, stop_above=limit)
     closed: tuple[int, ...] = ()
-    lifted, carried, released = closed, closed, False
+    lifted, carried, released, double = closed, closed, False, False
     if not log.stopped:
         jaws = close_jaws(world, arm)
         closed, log = jaws.parts, log + jaws.log
@@ -274,11 +280,16 @@ def move(
         if staged:
             snap(cell, pictures, "lift")
     if closed and not log.stopped:
+        double, weighing = comes_up_double(cell, rng)
+        log += weighing
+    if double:
+        log += put_back(cell, candidate, plan)
+    elif closed and not log.stopped:
         log += execute(world, arm, plan.carry.q, stop_above=limit)
         carried = () if log.stopped else held_parts(world, arm)
         if staged:
             snap(cell, pictures, "place")
-    if closed and not log.stopped:
+    if closed and not double and not log.stopped:
         opened = open_jaws(world, arm, release_opening(cell, candidate.opening))
         released = not opened.parts
         log += opened.log + wait(world, arm, FALL_TIME)
@@ -288,4 +299,4 @@ def move(
         arm.reset(cell.robot.home)
     world.run_until_rest(REST_LIMIT)
     after = cell.observe()
-    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok), robot_s
+    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double), robot_s

@@ -10,9 +10,10 @@ from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform, random_rotations
 from cell.gripper import Gripper
 from cell.workpiece import Workpiece
-from grasping.candidates import PER_ESTIMATE, GraspingConfig, Selection, select
+from grasping.candidates import PER_ESTIMATE, Selection, select
 from grasping.clearance import OpenGripper, without_workpiece
-from grasping.grasp_points import MAX_TILT_DEG, GraspPoses, expand
+from grasping.grasp_points import MAX_TILT_DEG, GraspPoses, Turn, expand
+from grasping.ranking import GraspingConfig, robustness
 
 NOTHING = np.zeros((0, 3))
 
@@ -208,3 +209,34 @@ def test_the_highest_of_equals_comes_first(choose: Chooser) -> None:
     Ts = np.stack([choose.lying(-0.06, z=0.008), choose.lying(0.06, z=0.03)])
     assert choose(Ts).candidates[0].estimate == 1
     assert choose(Ts, weights={"weight_height": 0.0}, scores=np.array([0.9, 0.6])).candidates[0].estimate == 0
+
+
+def test_another_part_between_the_fingers_or_close_beside_counts_against_a_grasp(choose: Chooser) -> None:
+    """Points where the pads will close predict a double pick; points just outside the fingers leave little room."""
+    T = choose.lying(z=0.02)
+    plate = next(p for p in choose.poses.points if p.name == "plate_from_top").model_copy(
+        update={"depths": (0.005,), "slide": None, "tool_rotation": Turn(), "flip": False}
+    )
+    poses = expand((plate,), choose.bracket)
+    (tool,) = T @ poses.Ts_part_tool
+
+    def terms(x: float, y: float, z: float) -> dict[str, float]:
+        """Of the one grasp when a small cluster of points is at (x, y, z) of the tool frame."""
+        grid = np.stack(np.meshgrid(*[[-0.003, 0.0, 0.003]] * 3), -1).reshape(-1, 3)
+        (candidate,) = choose(T[None], apply(tool, grid + np.array([x, y, z])), poses=poses).candidates
+        return candidate.terms
+
+    above, beside, away = terms(0.0, 0.0, -0.030), terms(0.023, 0.0, -0.035), terms(0.05, 0.0, -0.01)
+    assert (above["alone"], beside["alone"], away["alone"]) == (0.0, 1.0, 1.0)
+    assert away["clearance"] == 1.0
+    assert 0.0 < beside["clearance"] < 0.75
+
+
+def test_robustness_falls_with_depth_slide_and_a_doubtful_pose(choose: Chooser) -> None:
+    point = choose.poses.points[0].model_copy(update={"robustness": 0.8, "tolerance": 0.004})
+    poses = expand((point,), choose.bracket)
+    sure, doubtful = robustness(poses, 0.0), robustness(poses, 0.004)
+    best = (poses.depth_rank == 0) & (poses.offset == 0)
+    np.testing.assert_allclose(sure[best], 0.8)
+    np.testing.assert_allclose(doubtful, 0.5 * sure)
+    assert (sure[~best] < 0.8).all() and (sure >= 0).all()

@@ -1,14 +1,16 @@
-"""`pickproof grasps ...`: grasp points of a workpiece imported and exported."""
+"""`pickproof grasps ...`: grasp points of a workpiece checked, proposed, imported and exported."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import yaml
+from rich.console import Console
 
 from cell.errors import InputError
 from cell.frames import Array, from_rpy
@@ -31,8 +33,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     exporting = commands.add_parser("export", help="grasps.yaml as an isaac_grasp file (format version 1.0)")
     exporting.add_argument("workpiece", metavar="WORKPIECE")
     exporting.set_defaults(run=_export)
-    for command in (importing, exporting):
+    checking = commands.add_parser("check", help="try each grasp on a lone workpiece in every resting pose")
+    checking.add_argument("workpiece", metavar="WORKPIECE")
+    checking.add_argument("--json", action="store_true", help="print the trials as JSON")
+    checking.set_defaults(run=_check)
+    sampling = commands.add_parser("sample", help="propose grasp points from the CAD, tried in the physics")
+    sampling.add_argument("workpiece", metavar="WORKPIECE")
+    sampling.add_argument("--count", type=int, default=12, metavar="N", help="proposals tried (default 12)")
+    sampling.add_argument("--seed", type=int, default=0, metavar="S", help="of the rays through the CAD")
+    sampling.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
+    sampling.set_defaults(run=_sample)
+    for command in (importing, exporting, checking, sampling):
         command.add_argument("--gripper", default=GRIPPER, metavar="G", help=f"default {GRIPPER}")
+    for command in (importing, exporting):
         command.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
         command.add_argument(
             "--tool",
@@ -68,6 +81,35 @@ def _export(args: argparse.Namespace) -> int:
     workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
     text = isaac_grasps_text(load_grasps(workpiece, gripper), workpiece.name, gripper.name, _tool(args))
     return _write(text, args.out)
+
+
+def _check(args: argparse.Namespace) -> int:
+    from scenarios.grasp_check import check_grasp_points, check_table
+
+    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    rows, resting = check_grasp_points(workpiece, gripper, load_grasps(workpiece, gripper).points)
+    if args.json:
+        print(json.dumps({"workpiece": workpiece.name, "gripper": gripper.name, "resting": resting, "trials": rows}))
+    else:
+        Console().print(check_table(rows, resting))
+    return 0
+
+
+def _sample(args: argparse.Namespace) -> int:
+    from grasping.sample import propose
+    from scenarios.grasp_check import tried
+
+    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    for name, value, low in (("--count", args.count, 1), ("--seed", args.seed, 0)):
+        if value < low:
+            raise InputError("command line", name, value, f"an integer from {low}")
+    points = tried(workpiece, gripper, propose(workpiece, gripper, args.count, np.random.default_rng(args.seed)))
+    if not points:
+        raise InputError("command line", "workpiece", workpiece.name, f"one that {gripper.name} can hold")
+    comment = (
+        f"Proposed by `pickproof grasps sample {workpiece.name} --gripper {gripper.name}`; schema: docs/grasping.md."
+    )
+    return _write(table_text(points, gripper.name, comment), args.out)
 
 
 def table_text(points: list[GraspPoint], gripper: str, comment: str = "") -> str:

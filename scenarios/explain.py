@@ -112,7 +112,12 @@ def _add_estimate(root: Tree, k: int, estimate: dict[str, Any]) -> None:
 
 def _outcome(attempt: AttemptRecord) -> str:
     if attempt.success:
-        return f"[green]success[/green] with {attempt.grasp}"
+        at = (
+            ""
+            if attempt.place_mm is None
+            else f", {attempt.place_mm:.1f} mm and {attempt.place_deg:.0f} deg off its place"
+        )
+        return f"[green]success[/green] with {attempt.grasp}{at}"
     said = REASONS[attempt.reason] if attempt.reason else ""
     moved = f"with {attempt.grasp}" if attempt.moved else "the arm did not move"
     return f"[red]{attempt.reason}[/red], {moved}: {said}"

@@ -23,7 +23,7 @@ from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
 from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
-from scenarios.place import PlacePlan
+from scenarios.place import PlacePlan, place_error
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.scan import scan_heights, scene_points
 from scenarios.tree import decision_tree
@@ -120,6 +120,8 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     staged = cell.pictures and attempt < PICTURED
     if decision.candidate is None or decision.plan is None:
         after = cell.observe()
+        if any("place" in detail for detail in decision.refused.values()):
+            memory.place.pass_over()
         record |= {"moved": False, "success": False, "reason": decision.reason}
     else:
         T_world_part = estimates.Ts_world_part[decision.candidate.estimate]
@@ -130,6 +132,11 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist)
         limits, after = cell.scenario.limits, evidence.after
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
+        if verdict == "":
+            T_part_tool = decision.candidate.T_part_tool
+            wanted = memory.place.tool_poses(T_part_tool)[decision.plan.place] @ invert(T_part_tool)
+            off, turned = place_error(after.Ts_world_part[evidence.carried[0]], wanted, cell.workpiece)
+            record |= {"place_mm": 1000 * off, "place_deg": np.rad2deg(turned)}
         if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
             memory.place.fill(decision.plan.place)
         else:

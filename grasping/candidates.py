@@ -6,18 +6,20 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydantic import Field
 
-from cell.bin import Bin
-from cell.config import Config
-from cell.frames import Array
+from cell.bin import Bin, Box
+from cell.frames import Array, make_transform
 from cell.gripper import Gripper
+from cell.jaw import ParallelJaw
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper, covered_share, thin, without_workpiece
 from grasping.grasp_points import GraspPoint, GraspPoses
+from grasping.ranking import GraspingConfig, robustness
+from grasping.verdict import Verdict
 
-MAX_TILT = np.deg2rad(50.0)  # of the approach from the vertical
-NEAR = 0.09  # [m] around an estimate within which the heap can be in the gripper's way
+NEAR = 0.06  # [m] from a workpiece within which the heap can be in the gripper's way
+ROOMY = 0.006  # [m] between the gripper and its neighbours beyond which more is no better
+INTRUDERS = 4  # thinned points between the fingers that are as good as another workpiece there
 CHUNK = 24
 ESTIMATES_ENOUGH = 12
 """Once this many workpieces can be gripped, the less wanted ones are not looked at."""
@@ -25,18 +27,6 @@ COVER_COUNTS = 3.0
 """A workpiece of which a third lies under others is as bad as one that is buried."""
 PER_ESTIMATE = 24
 """Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
-
-
-class GraspingConfig(Config):
-    """Weights of the ranking of grasp candidates; each term is in [0, 1]."""
-
-    weight_score: float = Field(default=1.0, ge=0, description="of the estimate's score")
-    weight_height: float = Field(default=1.0, ge=0, description="of the workpiece's height in the heap")
-    weight_upright: float = Field(default=0.5, ge=0, description="of an approach from above")
-    weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
-    weight_clearance: float = Field(default=0.5, ge=0, description="of the wanted depth, near the grasp point's centre")
-    weight_uncovered: float = Field(default=2.0, ge=0, description="of a workpiece on which nothing lies")
-    max_candidates: int = Field(default=200, ge=1, le=1000, description="candidates handed on to planning, best first")
 
 
 @dataclass(frozen=True)
@@ -49,7 +39,7 @@ class GraspCandidate:
         T_world_tool: (4, 4) TCP at the grasp; T_part_tool: the same in the CAD frame.
         opening: of the jaws on the way in, in [m].
         rank: weighted sum of `terms`, larger is better.
-        terms: score, height, upright, priority, clearance, uncovered.
+        terms: name -> value in [0, 1], see `grasping.ranking`.
     """
 
     estimate: int
@@ -66,8 +56,7 @@ class Selection:
     """Candidates, best first, and for every estimate how many poses of which grasp were ruled out by what.
 
     Attributes:
-        ruled_out: estimate -> grasp name -> reason -> count; reasons are `avoided`, `tolerance`, `tilt`,
-            `gripper_bin`, `gripper_heap`, `outranked`.
+        ruled_out: estimate -> grasp name -> verdict -> count.
     """
 
     candidates: list[GraspCandidate]
@@ -98,31 +87,40 @@ def select(
     heights = Ts_world_part[:, 2, 3] if len(Ts_world_part) else np.zeros(0)
     low, span = heights.min(initial=np.inf), max(float(np.ptp(heights)) if len(heights) else 0.0, 0.01)
     grippers = {float(o): OpenGripper.of(gripper.boxes(float(o))) for o in np.unique(poses.openings)}
+    jaw = gripper if isinstance(gripper, ParallelJaw) else None
+    betweens = {o: OpenGripper.of([_between(jaw, o)]) for o in grippers} if jaw else {}
     found: list[GraspCandidate] = []
     ruled_out: dict[int, dict[str, dict[str, int]]] = {}
     tolerances = np.array([poses.points[i].tolerance for i in poses.index])
     wanted = weights.weight_score * np.asarray(scores) + weights.weight_height * (heights - low) / span
+    reach = NEAR + float(np.linalg.norm(workpiece.extents)) / 2
     pickable = 0
     for k in np.argsort(-wanted, kind="stable"):
         k, T_world_part = int(k), Ts_world_part[k]
         enough = pickable >= ESTIMATES_ENOUGH
-        verdicts = np.full(len(poses.index), "avoided" if avoided[k] else "outranked", dtype="<U12")
-        if not avoided[k] and not enough:
-            loose = tolerances < (0.0 if errors is None else float(errors[k]))
-            near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < NEAR
+        stop = Verdict.AVOIDED if avoided[k] else Verdict.OUTRANKED
+        if scores[k] < weights.min_score:
+            stop = Verdict.SCORE
+        verdicts = np.full(len(poses.index), stop, dtype="<U12")
+        if stop == Verdict.OUTRANKED and not enough:
+            error = 0.0 if errors is None else float(errors[k])
+            near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < reach
             others = without_workpiece(scene[near], T_world_part, workpiece)
-            terms = _terms(T_world_part, float(scores[k]), float((heights[k] - low) / span), poses)
+            terms = _terms(T_world_part, float(scores[k]), float((heights[k] - low) / span), error, poses)
             free = 1.0 - COVER_COUNTS * covered_share(workpiece, T_world_part, others)
             terms["uncovered"] = np.full(len(poses.index), max(free, 0.0))
-            rank = sum(getattr(weights, f"weight_{name}") * value for name, value in terms.items())
             Ts = T_world_part @ poses.Ts_part_tool
-            for i in _with_room(Ts, np.asarray(rank), loose, poses, grippers, bin, others, verdicts):
+            for i in _with_room(Ts, weights.rank(terms), tolerances < error, poses, grippers, bin, others, verdicts):
+                opening, point = float(poses.openings[i]), poses.points[poses.index[i]]
+                shape, between = grippers[opening], betweens.get(opening)
                 own = {name: float(value[i]) for name, value in terms.items()}
-                opening = float(poses.openings[i])
-                point = poses.points[poses.index[i]]
-                found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, float(rank[i]), own))
+                own["clearance"] = shape.room(Ts[i], others, ROOMY) / ROOMY
+                intruders = between.count(Ts[i], others) if between else 0
+                own["alone"] = max(1.0 - intruders / INTRUDERS, 0.0)
+                rank = float(weights.rank(own))
+                found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, rank, own))
             pickable += bool((verdicts == "").any())
-        counts: dict[str, Counter[str]] = {}
+        counts = {name: Counter({str(Verdict.DISABLED): n}) for name, n in poses.disabled.items()}
         for i, verdict in zip(poses.index, verdicts, strict=True):
             if verdict:
                 counts.setdefault(poses.points[i].name, Counter())[str(verdict)] += 1
@@ -130,21 +128,36 @@ def select(
     found.sort(key=lambda c: -c.rank)
     for candidate in found[weights.max_candidates :]:
         of_point = ruled_out[candidate.estimate].setdefault(candidate.point.name, {})
-        of_point["outranked"] = of_point.get("outranked", 0) + 1
+        of_point[str(Verdict.OUTRANKED)] = of_point.get(str(Verdict.OUTRANKED), 0) + 1
     return Selection(found[: weights.max_candidates], ruled_out)
 
 
-def _terms(T_world_part: Array, score: float, height: float, poses: GraspPoses) -> dict[str, Array]:
-    """Terms (n,) of the ranking for every pose of one estimate, each in [0, 1]."""
-    downwards = -(T_world_part @ poses.Ts_part_tool)[:, 2, 2]
+def _terms(T_world_part: Array, score: float, height: float, error: float, poses: GraspPoses) -> dict[str, Array]:
+    """Terms (n,) of the ranking that need no look at the heap, for every pose of one estimate."""
+    along, limit = tilts(T_world_part @ poses.Ts_part_tool, poses)
     n = len(poses.index)
     return {
         "score": np.full(n, score),
         "height": np.full(n, height),
-        "upright": np.clip((downwards - np.cos(MAX_TILT)) / (1 - np.cos(MAX_TILT)), 0.0, 1.0),
+        "upright": np.clip((along - limit) / np.maximum(1.0 - limit, 1e-9), 0.0, 1.0),
         "priority": np.array([poses.points[i].priority for i in poses.index]),
-        "clearance": np.clip(1.0 - 0.5 * poses.depth_rank - 10.0 * poses.offset, 0.0, 1.0),
+        "robustness": robustness(poses, error),
     }
+
+
+def _between(jaw: ParallelJaw, opening: float) -> Box:
+    """What the fingers sweep when they close from `opening` [m], in the tool frame."""
+    _, width, length = jaw.finger_size
+    return Box("between", (opening, width, length), make_transform(t=(0.0, 0.0, -length / 2)))
+
+
+def tilts(Ts_world_tool: Array, poses: GraspPoses) -> tuple[Array, Array]:
+    """Cosine (n,) of the angle between each approach and the one preferred in the world, and the least allowed."""
+    wanted = np.array([p.world_approach for p in poses.points])
+    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
+    limit = np.cos(np.deg2rad([p.max_tilt_deg for p in poses.points]))
+    along = np.einsum("ij,ij->i", Ts_world_tool[:, :3, 2], wanted[poses.index])
+    return along, limit[poses.index]
 
 
 def _with_room(
@@ -163,12 +176,13 @@ def _with_room(
     pose out is written to `verdicts` (n,); the empty string for those returned.
     """
     verdicts[:] = ""
-    verdicts[loose] = "tolerance"
-    tilted = -Ts[:, 2, 2] < np.cos(MAX_TILT)
-    verdicts[~loose & tilted] = "tilt"
+    verdicts[loose] = Verdict.TOLERANCE
+    along, limit = tilts(Ts, poses)
+    tilted = along < limit - 1e-9
+    verdicts[~loose & tilted] = Verdict.TILT
     for opening, shape in grippers.items():
         mine = np.flatnonzero(~loose & ~tilted & (poses.openings == opening))
-        verdicts[mine[shape.hits_bin(Ts[mine], bin)]] = "gripper_bin"
+        verdicts[mine[shape.hits_bin(Ts[mine], bin)]] = Verdict.GRIPPER_BIN
     alive = np.flatnonzero(verdicts == "")
     alive = alive[np.argsort(-rank[alive], kind="stable")]
     kept: list[int] = []
@@ -178,9 +192,9 @@ def _with_room(
         chunk = alive[start : start + CHUNK]
         for opening, shape in grippers.items():
             mine = chunk[poses.openings[chunk] == opening]
-            verdicts[mine[shape.hits_points(Ts[mine], others)]] = "gripper_heap"
+            verdicts[mine[shape.hits_points(Ts[mine], others)]] = Verdict.GRIPPER_HEAP
         kept += [int(i) for i in chunk if verdicts[i] == ""]
-    verdicts[alive[verdicts[alive] == ""]] = "outranked"
+    verdicts[alive[verdicts[alive] == ""]] = Verdict.OUTRANKED
     kept = kept[:PER_ESTIMATE]
     verdicts[kept] = ""
     return kept

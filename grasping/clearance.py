@@ -92,6 +92,20 @@ class OpenGripper:
             inside |= (np.abs(local - centre) < half + margin).all(axis=-1)
         return np.asarray(inside.any(axis=1))
 
+    def room(self, T_world_tool: Array, points: Array, most: float) -> float:
+        """Distance in [m] from the gripper at one tool pose (4, 4) to the nearest point (k, 3), at most `most`."""
+        low, high = self.corners.min(axis=0) - most, self.corners.max(axis=0) + most
+        local = apply(invert(T_world_tool), points)
+        local = local[((local > low) & (local < high)).all(axis=1), None]
+        outside = np.maximum(np.abs(local - self.centres) - self.halves, 0.0)
+        return float(np.sqrt((outside**2).sum(axis=-1).min(initial=most**2)))
+
+    def count(self, T_world_tool: Array, points: Array) -> int:
+        """How many of the points (k, 3) are inside at one tool pose (4, 4)."""
+        local = apply(invert(T_world_tool), points)[:, None]
+        inside = (np.abs(local - self.centres) < self.halves).all(axis=-1)
+        return int(np.count_nonzero(np.any(inside, axis=1)))
+
     def hits_bin(self, Ts_world_tool: Array, bin: Bin) -> np.ndarray:
         """(n,) bool: some of the gripper is in a wall, under the floor, or outside the walls below the rim."""
         lx, ly, lz = bin.inner

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -11,10 +12,13 @@ from cell.config import Config, load
 from cell.errors import InputError
 from cell.frames import Array, about_axis, make_transform
 from cell.gripper import Gripper
+from cell.jaw import ParallelJaw
 from cell.workpiece import Workpiece
 
 Triple = tuple[float, float, float]
 OPENING_MARGIN = 0.0025  # [m] on each side of the workpiece before the jaws close
+MAX_TILT_DEG = 50.0  # of the approach from the one preferred in the world, unless the grasp point says otherwise
+SAME = 1e-6  # [m, and of rotation matrices] under which two poses are the same one
 
 
 class Turn(Config):
@@ -56,20 +60,33 @@ class GraspPoint(Config):
     (TCP) go `depth` past the centre along the approach, the first depth for which there is room.
     """
 
-    name: str
+    name: str = Field(min_length=1)
+    gripper: str | None = Field(None, min_length=1, description="that it is made for; that of the table when left out")
     centre: Triple
     approach: Triple
     closing: Triple
     width: float = Field(gt=0, description="[m] of the workpiece between the pads")
     opening: float | None = Field(None, gt=0, description="[m] of the jaws on the way in; width + 5 mm when left out")
+    stroke: float | None = Field(None, gt=0, description="[m] the jaws close by, in place of `opening`")
     depths: tuple[float, ...] = Field((0.004,), min_length=1, description="[m] tips past the centre, most wanted first")
     approach_distance: float = Field(0.06, gt=0, le=0.5, description="[m] straight line before the grasp")
     retract_distance: float = Field(0.10, gt=0, le=0.5, description="[m] straight line up after it")
     priority: float = Field(1.0, ge=0, le=1)
     tolerance: float = Field(0.003, gt=0, description="[m] error of the pose under which the grasp still holds")
+    robustness: float = Field(
+        1.0, ge=0, le=1, description="share of disturbed poses at which it held, a term of the rank"
+    )
     enabled: bool = True
+    symmetry: bool = Field(
+        True, description="the same grasp again on every side that the workpiece's symmetry makes equal"
+    )
+    world_approach: Triple = Field(
+        (0.0, 0.0, -1.0), description="approach preferred in the world, from which tilt counts"
+    )
+    max_tilt_deg: float = Field(MAX_TILT_DEG, ge=0, le=180, description="of the approach from `world_approach`")
     flip: bool = Field(True, description="the tool may be turned by 180 degrees about the approach")
     tool_rotation: Turn = Field(Turn(), description="freedom of the tool about the closing direction")
+    approach_rotation: Turn = Field(Turn(), description="freedom of the tool about its approach, beside `flip`")
     part_rotation: Turn = Field(Turn(), description="freedom of the part about part_axis, for round parts")
     part_axis: Triple = (0.0, 0.0, 1.0)
     slide: Slide | None = None
@@ -77,8 +94,13 @@ class GraspPoint(Config):
     @model_validator(mode="after")
     def _right_angle(self) -> GraspPoint:
         a, c = np.asarray(self.approach), np.asarray(self.closing)
-        if min(np.linalg.norm(a), np.linalg.norm(c), np.linalg.norm(self.part_axis)) < 1e-6:
-            raise ValueError("approach, closing and part_axis must not be zero")
+        for name in ("approach", "closing", "part_axis", "world_approach"):
+            if np.linalg.norm(getattr(self, name)) < 1e-6:
+                raise ValueError(f"{name} must not be zero")
+        if self.opening is not None and self.stroke is not None:
+            raise ValueError("opening and stroke exclude each other")
+        if self.opening is not None and self.opening < self.width:
+            raise ValueError("opening must not be below width")
         if abs(a @ c) > 1e-3 * np.linalg.norm(a) * np.linalg.norm(c):
             raise ValueError("approach and closing must be at right angles")
         return self
@@ -87,7 +109,7 @@ class GraspPoint(Config):
 class GraspTable(Config):
     """Schema of grasps.yaml."""
 
-    gripper: str
+    gripper: str = Field(min_length=1)
     grasps: list[GraspPoint] = Field(min_length=1)
 
 
@@ -102,6 +124,7 @@ class GraspPoses:
         openings: (n,) of the jaws on the way in, in [m].
         depth_rank: (n,) 0 for the most wanted depth.
         offset: (n,) [m] slid away from the centre of the grasp point.
+        disabled: grasp point that is switched off -> poses that it would have.
     """
 
     points: tuple[GraspPoint, ...]
@@ -110,58 +133,108 @@ class GraspPoses:
     openings: Array
     depth_rank: np.ndarray
     offset: Array
+    disabled: dict[str, int] = field(default_factory=dict)
 
 
 def load_grasps(workpiece: Workpiece, gripper: Gripper) -> GraspPoses:
-    """Read a workpiece's grasps.yaml and expand it.
+    """Read a workpiece's grasps.yaml and expand what is for `gripper`.
 
     Raises:
         InputError: missing file, a field that does not fit the schema, or a grasp that the gripper cannot do.
     """
     path = workpiece.folder / "grasps.yaml"
-    table = load(GraspTable, path)
-    if table.gripper != gripper.name:
-        raise InputError(path, "gripper", table.gripper, f"{gripper.name}, the scenario's gripper")
-    names = [g.name for g in table.grasps]
-    for i, point in enumerate(table.grasps):
-        if point.name in names[:i]:
-            raise InputError(path, f"grasps.{i}.name", point.name, "a name of its own")
-        if opening(point) > gripper.max_opening:
+    table = read_table(path)
+    points = tuple(g if g.gripper else g.model_copy(update={"gripper": table.gripper}) for g in table.grasps)
+    made_for = sorted({str(p.gripper) for p in points})
+    if gripper.name not in made_for:
+        field, found = ("gripper", table.gripper) if made_for == [table.gripper] else ("grasps", ", ".join(made_for))
+        raise InputError(path, field, found, f"{gripper.name}, the scenario's gripper")
+    for i, point in enumerate(points if isinstance(gripper, ParallelJaw) else ()):
+        if point.gripper == gripper.name and opening(point) > gripper.max_opening:
             raise InputError(path, f"grasps.{i}.opening", opening(point), f"at most {gripper.max_opening} m")
-    return expand(tuple(table.grasps), workpiece)
+    return expand(points, workpiece, gripper.name)
+
+
+def read_table(path: Path) -> GraspTable:
+    """Read a grasps.yaml.
+
+    Raises:
+        InputError: missing file, a field that does not fit the schema, or a name given twice.
+    """
+    table = load(GraspTable, path)
+    names = [g.name for g in table.grasps]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(path, f"grasps.{i}.name", name, "a name of its own")
+    return table
 
 
 def opening(point: GraspPoint) -> float:
     """Opening of the jaws on the way in, in [m]."""
-    return point.opening if point.opening is not None else point.width + 2 * OPENING_MARGIN
+    if point.opening is not None:
+        return point.opening
+    return point.width + (2 * OPENING_MARGIN if point.stroke is None else point.stroke)
 
 
-def expand(points: tuple[GraspPoint, ...], workpiece: Workpiece) -> GraspPoses:
-    """All tool poses of the enabled grasp points over symmetry, slides, depths, rotations and flips."""
-    index: list[int] = []
-    Ts: list[Array] = []
-    openings: list[float] = []
-    ranks: list[int] = []
-    offsets: list[float] = []
+def expand(points: tuple[GraspPoint, ...], workpiece: Workpiece, gripper: str = "") -> GraspPoses:
+    """All tool poses of the grasp points over symmetry, slides, depths, rotations and flips, each pose once.
+
+    Those of grasp points that are switched off, or made for another gripper than the one named, are only counted.
+    """
+    rows: list[_Rows] = []
+    disabled: dict[str, int] = {}
     for i, point in enumerate(points):
-        if not point.enabled:
-            continue
-        for S in workpiece.symmetry.rotations():
-            for offset in point.slide.offsets if point.slide else (0.0,):
-                for rank, depth in enumerate(point.depths):
-                    poses = make_transform(S) @ _tool_poses(point, offset, depth)
-                    Ts.extend(poses)
-                    index += [i] * len(poses)
-                    openings += [opening(point)] * len(poses)
-                    ranks += [rank] * len(poses)
-                    offsets += [abs(offset)] * len(poses)
+        mine = _expand_one(i, point, workpiece)
+        if point.enabled and (not gripper or point.gripper in (None, gripper)):
+            rows.append(mine)
+        else:
+            disabled[point.name] = len(mine.index)
+    if not rows:
+        rows = [_Rows(np.zeros(0, np.intp), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0, np.intp), np.zeros(0))]
     return GraspPoses(
         points,
-        np.asarray(index, dtype=np.intp),
-        np.asarray(Ts).reshape(-1, 4, 4),
-        np.asarray(openings),
-        np.asarray(ranks, dtype=np.intp),
-        np.asarray(offsets),
+        np.concatenate([r.index for r in rows]),
+        np.concatenate([r.Ts for r in rows]),
+        np.concatenate([r.openings for r in rows]),
+        np.concatenate([r.ranks for r in rows]),
+        np.concatenate([r.offsets for r in rows]),
+        disabled,
+    )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Poses of one grasp point; the fields are those of GraspPoses."""
+
+    index: np.ndarray
+    Ts: Array
+    openings: Array
+    ranks: np.ndarray
+    offsets: Array
+
+
+def _expand_one(i: int, point: GraspPoint, workpiece: Workpiece) -> _Rows:
+    """Every pose of grasp point `i`; of poses that symmetry and freedoms give twice, the most wanted one."""
+    Ts: list[Array] = []
+    ranks: list[int] = []
+    offsets: list[float] = []
+    for S in workpiece.symmetry.rotations() if point.symmetry else np.eye(3)[None]:
+        for offset in point.slide.offsets if point.slide else (0.0,):
+            for rank, depth in enumerate(point.depths):
+                poses = make_transform(S) @ _tool_poses(point, offset, depth)
+                Ts.extend(poses)
+                ranks += [rank] * len(poses)
+                offsets += [abs(offset)] * len(poses)
+    stack = np.asarray(Ts).reshape(-1, 4, 4)
+    wanted = np.lexsort((np.arange(len(ranks)), np.asarray(offsets), np.asarray(ranks)))
+    _, first = np.unique(np.rint(stack[wanted, :3].reshape(len(stack), -1) / SAME) + 0.0, axis=0, return_index=True)
+    keep = np.sort(wanted[first])
+    return _Rows(
+        np.full(len(keep), i, dtype=np.intp),
+        stack[keep],
+        np.full(len(keep), opening(point)),
+        np.asarray(ranks, dtype=np.intp)[keep],
+        np.asarray(offsets)[keep],
     )
 
 
@@ -176,7 +249,7 @@ def _tool_poses(point: GraspPoint, offset: float, depth: float) -> Array:
     axis = np.asarray(point.part_axis) / np.linalg.norm(point.part_axis)
     part_turns = about_axis(axis, point.part_rotation.angles())
     tool_turns = about_axis((1, 0, 0), point.tool_rotation.angles())
+    spins = about_axis((0, 0, 1), point.approach_rotation.angles())
     flips = about_axis((0, 0, 1), np.array([0.0, np.pi] if point.flip else [0.0]))
-    T_grip_tool = make_transform(t=(0.0, 0.0, depth))
-    all_turns = part_turns[:, None, None] @ T_part_grip @ tool_turns[None, :, None] @ flips[None, None, :]
-    return (all_turns @ T_grip_tool).reshape(-1, 4, 4)
+    in_grip = (tool_turns[:, None, None] @ spins[None, :, None] @ flips[None, None, :]).reshape(-1, 4, 4)
+    return (part_turns[:, None] @ T_part_grip @ in_grip @ make_transform(t=(0.0, 0.0, depth))).reshape(-1, 4, 4)

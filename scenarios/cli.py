@@ -73,6 +73,20 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     report.add_argument("directory", type=Path, metavar="DIR")
     report.set_defaults(command=_report)
 
+    explain = commands.add_parser("explain", help="why one attempt did what it did: estimates, grasps, verdicts")
+    if "explain" in words[:1]:
+        from scenarios.explain import add_arguments as add_explain_arguments
+
+        add_explain_arguments(explain)
+    explain.set_defaults(command=_explain)
+
+    grasps = commands.add_parser("grasps", help="check, propose, import and export the grasp points of a workpiece")
+    if "grasps" in words[:1]:
+        from scenarios.grasps_cli import add_arguments as add_grasps_arguments
+
+        add_grasps_arguments(grasps)
+    grasps.set_defaults(command=_grasps)
+
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
     benchmark = commands.add_parser("benchmark", help="perception against its peers; motion against its bound")
@@ -177,6 +191,18 @@ def _report(args: argparse.Namespace) -> int:
 
     print(f"wrote {write_report(args.directory)}")
     return 0
+
+
+def _explain(args: argparse.Namespace) -> int:
+    from scenarios.explain import main_explain
+
+    return main_explain(args)
+
+
+def _grasps(args: argparse.Namespace) -> int:
+    from scenarios.grasps_cli import main_grasps
+
+    return main_grasps(args)
 
 
 def _train(args: argparse.Namespace) -> int:

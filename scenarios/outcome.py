@@ -23,6 +23,7 @@ class Evidence:
         before, after: the workpieces before the arm moved, and after it was home and they had time to rest.
         closed, lifted, carried: workpieces that the gripper held after closing, after the lift, and when the place
             pose was reached.
+        put_back: what came up weighed as much as several, and was let go where it had been.
         released: nothing was held after opening.
         log: of all motions. seconds: simulated time of the attempt.
         pose_ok: the chosen estimate is within tolerance of a workpiece.
@@ -37,6 +38,7 @@ class Evidence:
     log: MotionLog
     seconds: float
     pose_ok: bool
+    put_back: bool = False
 
 
 def judge(evidence: Evidence, force_limit: float, time_limit: float) -> Reason | Literal[""]:
@@ -64,6 +66,8 @@ def _what_happened(e: Evidence, force_limit: float, time_limit: float) -> Reason
         return Reason.DOUBLE_PICK
     if lost_placed or left - held:
         return Reason.EJECTED
+    if e.put_back:
+        return Reason.DOUBLE_PICK
     if not e.closed:
         return Reason.MISSED
     if not e.lifted:

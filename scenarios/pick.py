@@ -21,11 +21,15 @@ from grasping.candidates import GraspCandidate, Selection, select
 from grasping.clearance import OpenGripper
 from robots.collision import CollisionScene
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
+from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
-from scenarios.place import PlacePlan
+from scenarios.place import PlacePlan, place_error
 from scenarios.records import AttemptRecord, Reason, nested
+from scenarios.retreat import FALL_TIME, back_off, put_back
 from scenarios.scan import scan_heights, scene_points
+from scenarios.tree import decision_tree
+from scenarios.weighing import comes_up_double
 from scenarios.workcell import SOURCE, Workcell
 
 PICTURED = 2
@@ -35,7 +39,6 @@ PLANS_TRIED = 60
 PLANS_A_ROUND = 4
 """Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
 RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
-FALL_TIME = 0.1  # [s] for the workpiece to leave the jaws
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
 STRAIGHT = 0.02  # [m] of every line that is kept straight where the rest may be rounded into the flight
@@ -118,24 +121,33 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         "perceive_s": perceived - clock,
         "choose_s": chosen_at - perceived,
         "plan_s": planned - chosen_at,
-        "tree": decision_tree(estimates, selection, decision),
+        "tree": decision_tree(estimates, selection, decision, {box.name for box in cell.gripper.boxes(0.0)}),
         "pictures": {},
     }
     staged = cell.pictures and attempt < PICTURED
     if decision.candidate is None or decision.plan is None:
         after = cell.observe()
+        if any("place" in detail for detail in decision.refused.values()):
+            memory.place.pass_over()
         record |= {"moved": False, "success": False, "reason": decision.reason}
     else:
         T_world_part = estimates.Ts_world_part[decision.candidate.estimate]
         _, error, angle = nearest_true(T_world_part, before.Ts_world_part, cell.workpiece)
         pose_ok = error < cell.workpiece.tolerance
-        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, record["pictures"])
+        wrist = np.random.default_rng((seed, 2, attempt))
+        shots = record["pictures"]
+        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist)
         if evidence.log.stopped:
             memory.waits_at = None
-        elif evidence.closed:
+        elif evidence.closed and not evidence.put_back:
             memory.waits_at = decision.plan.carry.q[-1]
         limits, after = cell.scenario.limits, evidence.after
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
+        if verdict == "":
+            T_part_tool = decision.candidate.T_part_tool
+            wanted = memory.place.tool_poses(T_part_tool)[decision.plan.place] @ invert(T_part_tool)
+            off, turned = place_error(after.Ts_world_part[evidence.carried[0]], wanted, cell.workpiece)
+            record |= {"place_mm": 1000 * off, "place_deg": np.rad2deg(turned)}
         if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
             memory.place.fill(decision.plan.place)
         else:
@@ -162,7 +174,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
     """Estimates times grasp points, checked for room and ranked."""
     span = cell.scenario.stop.attempts_to_avoid
-    return select(
+    selection = select(
         estimates.Ts_world_part,
         estimates.scores,
         memory.avoided(estimates.Ts_world_part, attempt, span),
@@ -174,6 +186,7 @@ def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memo
         cell.scenario.grasping,
         estimates.residuals,
     )
+    return with_motion(selection, cell.robot, cell.gripper.T_flange_tool, cell.scenario.grasping)
 
 
 def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memory, seed: int) -> Decision:
@@ -261,10 +274,11 @@ def move(
     pose_ok: bool,
     staged: bool,
     pictures: dict[str, bytes],
+    rng: np.random.Generator,
 ) -> tuple[Evidence, float]:
     """Execute a plan in the physics; returns what was seen and the robot's time in [s].
 
-    With `staged`, pictures of the cell at each stage are added to `pictures`.
+    With `staged`, pictures of the cell at each stage are added to `pictures`; `rng` is of the wrist's force sensor.
 
     The arm ends where it let the workpiece go, its jaws open, out of the camera's view: the next motion starts there. A
     hard touch stops the arm, as a controller's collision guard does; it is then set back to home by hand.
@@ -277,17 +291,14 @@ def move(
         arm.hold_jaws(candidate.opening)
         log += execute(world, arm, way_in, stop_above=limit)
     closed: tuple[int, ...] = ()
-    lifted, carried, released = closed, closed, False
+    lifted, carried, released, double = closed, closed, False, False
     if not log.stopped:
         taken = grip(world, arm)
         closed, log = taken.parts, log + taken.log
         if staged:
             snap(cell, pictures, "grasp")
         if not closed:
-            log += release(world, arm, candidate.opening).log
-            log += execute(world, arm, way_in[::-1], stop_above=limit)
-            arm.hold_jaws(opening)
-            log += execute(world, arm, way_out[::-1], stop_above=limit)
+            log += back_off(cell, candidate, plan, opening)
     if closed:
         log += execute(world, arm, plan.lift.q, stop_above=limit)
         lifted = held(world, arm)
@@ -299,28 +310,19 @@ def move(
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        opened = release(world, arm, release_opening(cell, candidate.opening, arm.tool_pose()))
-        released = not opened.parts
-        log += opened.log + wait(world, arm, FALL_TIME)
-        log += execute(world, arm, plan.leave.q, stop_above=limit)
+        double, weighing = comes_up_double(cell, rng)
+        log += weighing
+        if double:
+            carried = ()
+            log += put_back(cell, candidate, plan, opening)
+        else:
+            opened = release(world, arm, release_opening(cell, candidate.opening, arm.tool_pose()))
+            released = not opened.parts
+            log += opened.log + wait(world, arm, FALL_TIME)
+            log += execute(world, arm, plan.leave.q, stop_above=limit)
     robot_s = world.time - start
     if log.stopped:
         arm.reset(cell.robot.home)
     world.run_until_rest(REST_LIMIT)
     after = cell.observe()
-    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok), robot_s
-
-
-def decision_tree(estimates: Estimates, selection: Selection, decision: Decision) -> list[dict[str, Any]]:
-    """Estimates -> grasps -> what ruled them out, as JSON."""
-    tree: list[dict[str, Any]] = []
-    for k, (T, score) in enumerate(zip(estimates.Ts_world_part, estimates.scores, strict=True)):
-        position = [round(float(x), 5) for x in T[:3, 3]]
-        ruled_out = selection.ruled_out[k]
-        tree.append({"score": float(score), "position": position, "ruled_out": ruled_out, "candidates": []})
-    for i, candidate in enumerate(selection.candidates):
-        verdict = "chosen" if candidate is decision.candidate else decision.refused.get(i, "outranked")
-        tree[candidate.estimate]["candidates"].append(
-            {"grasp": candidate.point.name, "rank": candidate.rank, "terms": candidate.terms, "verdict": verdict}
-        )
-    return tree
+    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double), robot_s

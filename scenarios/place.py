@@ -22,6 +22,7 @@ class PlacePlan:
 
     Attributes:
         used: workpieces released over each slot.
+        passed: how often each slot was offered and no motion to it was found; others come first then.
         rests: (r, 3, 3) rotations of the CAD in which it lies still on a plane, z up.
         offered: (k,) slot of each pose that `tool_poses` returned last.
         leaning: (k,) whether each of them lets the workpiece go as it will not lie.
@@ -30,6 +31,7 @@ class PlacePlan:
     bin: Bin
     workpiece: Workpiece
     used: list[int] = field(init=False)
+    passed: list[int] = field(init=False)
     rests: Array = field(init=False)
     offered: np.ndarray = field(init=False)
     leaning: np.ndarray = field(init=False)
@@ -40,7 +42,7 @@ class PlacePlan:
         nx, ny = max(int(lx / reach), 1), max(int(ly / reach), 1)
         xs, ys = (np.arange(nx) + 0.5) / nx * lx - lx / 2, (np.arange(ny) + 0.5) / ny * ly - ly / 2
         self.slots = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
-        self.used = [0] * len(self.slots)
+        self.used, self.passed = [0] * len(self.slots), [0] * len(self.slots)
         self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
         stable, _ = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
         self.rests = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]  # a round part may have none to speak of
@@ -54,7 +56,7 @@ class PlacePlan:
         straight down. The least used slots come first, each in several yaws.
         """
         T_tool_part = np.linalg.inv(T_part_tool)
-        order = np.argsort(self.used, kind="stable")[:SLOTS_OFFERED]
+        order = np.argsort(np.add(self.used, self.passed), kind="stable")[:SLOTS_OFFERED]
         poses, slots, leaning = [], [], []
         for kind, R in enumerate(self._tool_rotations(T_part_tool)):
             hang = make_transform(R) @ T_tool_part
@@ -90,3 +92,19 @@ class PlacePlan:
     def fill(self, pose: int) -> None:
         """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""
         self.used[self.offered[pose]] += 1
+
+    def pass_over(self) -> None:
+        """Offer other slots next time: no motion led to those of the last `tool_poses`."""
+        for slot in np.unique(self.offered):
+            self.passed[slot] += 1
+
+
+def place_error(T_world_part: Array, T_world_wanted: Array, workpiece: Workpiece) -> tuple[float, float]:
+    """How far a workpiece rests from where it was to be let go: horizontally in [m], and in [rad], symmetry considered.
+
+    The height is left out: a workpiece is let go just above what lies below.
+    """
+    from perception.metrics import rotation_error
+
+    off = float(np.linalg.norm((T_world_part - T_world_wanted)[:2, 3]))
+    return off, float(rotation_error(T_world_wanted[:3, :3], T_world_part[:3, :3], workpiece.symmetry))

@@ -46,7 +46,7 @@ def nested(array: ArrayLike) -> Rows:
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "seed attempt parts_in_bin_before n_estimates": int,
     "moved success": bool,
-    "estimate_score error_mm error_deg sensing_s perceive_s choose_s plan_s robot_s wall_s": float,
+    "estimate_score error_mm error_deg place_mm place_deg sensing_s perceive_s choose_s plan_s robot_s wall_s": float,
     "estimate_T_world_part part_poses_after": nested,
 }
 
@@ -65,6 +65,8 @@ class AttemptRecord:
         estimate_T_world_part: (4, 4) of the chosen estimate, None where none was chosen.
         estimate_score: of the chosen estimate, in [0, 1].
         error_mm, error_deg: chosen estimate against the nearest true pose; None in no-picks.
+        place_mm, place_deg: of a workpiece that was placed, how far it rests from where it was to be let go,
+            horizontally and in rotation; None of others.
         grasp: name of the grasp point, empty where none was chosen.
         sensing_s, perceive_s, choose_s, plan_s, robot_s: sensing time of the scenario, measured compute times, and
             duration of the trajectories, in [s].
@@ -95,6 +97,8 @@ class AttemptRecord:
     tree: Any = None
     pictures: dict[str, bytes] = field(default_factory=dict)
     wall_s: float = 0.0
+    place_mm: float | None = None
+    place_deg: float | None = None
 
     def __post_init__(self) -> None:
         self._normalise()

@@ -10,10 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from cell.page import page_template, png_uri
+from grasping.verdict import CHOSEN, Verdict
+from grasping.verdict import MEANING as VERDICTS
 from scenarios.records import NO_PICK_REASONS, AttemptRecord, Reason
 from scenarios.statistics import wilson
 from scenarios.store import Store, StoreError
 from scenarios.summary import interval, percent, seconds, summarise
+from scenarios.tree import verdict_counts
 
 FILE = "report.html"
 PICTURE_BYTES = 3_500_000
@@ -102,6 +105,15 @@ def grasp_points(attempts: Sequence[AttemptRecord]) -> list[Share]:
     return [Share(name, good[name], n) for name, n in used.most_common()]
 
 
+def verdict_rows(attempts: Sequence[AttemptRecord]) -> list[tuple[Verdict, int, float, str]]:
+    """Verdict, grasp poses that it ruled out, their share of all, and what it means; none without trees."""
+    counts: Counter[str] = Counter()
+    for attempt in attempts:
+        counts.update(verdict_counts(attempt.tree) if isinstance(attempt.tree, list) else {})
+    total = sum(counts.values())
+    return [(v, counts[v], counts[v] / total, VERDICTS[v]) for v in Verdict if counts[v]]
+
+
 def choose_shown(store: Store, attempts: Sequence[AttemptRecord], budget: int = PICTURE_BYTES) -> list[Shown]:
     """Failures first, then no-picks, then successes spread over the campaign, while their pictures fit `budget`."""
     failed = [a for a in attempts if a.moved and not a.success]
@@ -148,6 +160,8 @@ def _render(store: Store, directory: Path) -> str:
         meaning={str(k): v for k, v in MEANING.items()},
         fill=fill_levels(attempts),
         grasps=grasp_points(attempts),
+        verdicts=verdict_rows(attempts),
+        verdicts_of=lambda a: ", ".join(f"{n} {v}" for v, n in verdict_counts(a.tree).most_common() if v != CHOSEN),
         shown=shown,
         failures=sum(not a.success for a in moved),
         failures_shown=sum(x.attempt.moved and not x.attempt.success for x in shown),

@@ -22,7 +22,7 @@ from cell.errors import InputError
 from cell.frames import Array
 from cell.sensor import SensorConfig
 from cell.workpiece import list_workpieces, search_path
-from grasping.candidates import GraspingConfig
+from grasping.ranking import GraspingConfig
 
 SHIPPED = Path(__file__).resolve().parent
 Triple = tuple[float, float, float]
@@ -128,6 +128,14 @@ def robots() -> list[str]:
     return sorted(path.parent.name for path in (SHIPPED.parent / "robots").glob("*/robot.yaml"))
 
 
+class WristConfig(Config):
+    """The force sensor that weighs what was lifted."""
+
+    noise_N: float = Field(default=0.05, ge=0, description="[N] standard deviation of a reading")
+    seconds: float = Field(default=0.05, gt=0, le=1, description="[s] the arm stands still for it after the lift")
+    double_above: float = Field(default=1.5, gt=1, description="workpieces' weights from which a pick is put back")
+
+
 class Scenario(Config):
     """A bin-picking cell and the job it is given."""
 
@@ -150,6 +158,7 @@ class Scenario(Config):
     limits: LimitsConfig = LimitsConfig()
     stop: StopConfig = StopConfig()
     carry: CarryConfig = CarryConfig()
+    wrist: WristConfig = WristConfig()
 
     @field_validator("robot")
     @classmethod

@@ -19,7 +19,7 @@ from cell.errors import InputError, PickproofError
 from scenarios.records import AttemptRecord, EpisodeRecord
 
 FILE = "results.sqlite"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 APPLICATION_ID = 0x7069636B  # "pick", in the file's header
 
 _TABLES = """
@@ -33,6 +33,7 @@ CREATE TABLE attempts (
     estimate_T_world_part TEXT, estimate_score REAL, error_mm REAL, error_deg REAL, grasp TEXT NOT NULL,
     sensing_s REAL NOT NULL, perceive_s REAL NOT NULL, choose_s REAL NOT NULL, plan_s REAL NOT NULL,
     robot_s REAL NOT NULL, part_poses_after TEXT NOT NULL, tree TEXT NOT NULL, wall_s REAL NOT NULL,
+    place_mm REAL, place_deg REAL,
     PRIMARY KEY (seed, attempt));
 CREATE TABLE pictures (
     seed INTEGER NOT NULL, attempt INTEGER NOT NULL, name TEXT NOT NULL, png BLOB NOT NULL,
@@ -168,9 +169,11 @@ class Store:
 
     def attempts(self) -> list[AttemptRecord]:
         """All attempts in order of seed and attempt, without their pictures."""
-        query = f"SELECT {', '.join(_ATTEMPT_COLUMNS)} FROM attempts ORDER BY seed, attempt"
         with self._errors():
-            return [_attempt(dict(zip(_ATTEMPT_COLUMNS, row, strict=True))) for row in self._db.execute(query)]
+            there = {row[1] for row in self._db.execute("PRAGMA table_info(attempts)")}
+            columns = [name for name in _ATTEMPT_COLUMNS if name in there]  # version 1 knew no placement error
+            query = f"SELECT {', '.join(columns)} FROM attempts ORDER BY seed, attempt"
+            return [_attempt(dict(zip(columns, row, strict=True))) for row in self._db.execute(query)]
 
     def episodes(self) -> list[EpisodeRecord]:
         """All episodes that ended, in order of seed."""

@@ -10,9 +10,10 @@ from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform, random_rotations
 from cell.gripper import Gripper
 from cell.workpiece import Workpiece
-from grasping.candidates import MAX_TILT, PER_ESTIMATE, GraspingConfig, Selection, select
+from grasping.candidates import PER_ESTIMATE, Selection, select
 from grasping.clearance import OpenGripper, without_workpiece
-from grasping.grasp_points import GraspPoses
+from grasping.grasp_points import MAX_TILT_DEG, GraspPoses, Turn, expand
+from grasping.ranking import GraspingConfig, robustness
 
 NOTHING = np.zeros((0, 3))
 
@@ -109,7 +110,7 @@ def test_candidates_are_what_they_claim(choose: Chooser) -> None:
     assert ranks == sorted(ranks, reverse=True)
     for c in selection.candidates:
         np.testing.assert_allclose(c.T_world_tool, Ts[c.estimate] @ c.T_part_tool, atol=1e-12)
-        assert -c.T_world_tool[2, 2] >= np.cos(MAX_TILT)
+        assert -c.T_world_tool[2, 2] >= np.cos(np.deg2rad(MAX_TILT_DEG))
         shape = OpenGripper.of(choose.jaw.boxes(c.opening))
         assert not shape.hits_bin(c.T_world_tool[None], choose.source).any()
         near = points[np.linalg.norm(points - Ts[c.estimate][:3, 3], axis=1) < 0.05]
@@ -133,6 +134,45 @@ def test_an_estimate_too_uncertain_for_a_grasp_is_ruled_out_by_tolerance(choose:
     selection = choose(Ts, errors=np.array([0.9 * tolerance, 1.0]))
     assert {c.estimate for c in selection.candidates} == {0}
     assert reasons(selection, 1) == {"tolerance": len(choose.poses.index)}
+
+
+def test_an_estimate_with_too_low_a_score_is_ruled_out_by_score(choose: Chooser) -> None:
+    Ts = np.stack([choose.lying(-0.06), choose.lying(0.06)])
+    selection = choose(Ts, scores=np.array([0.49, 0.5]), weights={"min_score": 0.5})
+    assert {c.estimate for c in selection.candidates} == {1}
+    assert reasons(selection, 0) == {"score": len(choose.poses.index)}
+
+
+def test_switched_off_grasps_are_counted_as_disabled(choose: Chooser) -> None:
+    points = tuple(p.model_copy(update={"enabled": p.name == "plate_from_top"}) for p in choose.poses.points)
+    fewer = expand(points, choose.bracket)
+    selection = choose(choose.lying()[None], poses=fewer)
+    assert {c.point.name for c in selection.candidates} == {"plate_from_top"}
+    of_point = selection.ruled_out[0]
+    assert {name for name, counts in of_point.items() if set(counts) == {"disabled"}} == set(fewer.disabled)
+    total = sum(reasons(selection, 0).values()) + len(selection.candidates)
+    assert total == len(choose.poses.index)
+
+
+def test_tilt_is_of_the_grasp_point_and_counts_from_its_own_direction(choose: Chooser) -> None:
+    """A part flat on the floor: a side approach is tilted by 90 degrees, unless that is what the grasp point wants."""
+    T = make_transform(t=(0, 0, 0.2)) @ choose.lying()
+    side = next(p for p in choose.poses.points if p.name == "edge_of_plate").model_copy(update={"flip": False})
+    free = choose.source
+    direction = T[:3, :3] @ np.asarray(side.approach)
+    for changes, verdicts in (
+        ({}, {"tilt"}),
+        ({"max_tilt_deg": 95.0}, set()),
+        ({"world_approach": tuple(direction)}, set()),
+        ({"world_approach": tuple(direction), "max_tilt_deg": 10.0}, {"tilt"}),
+    ):
+        poses = expand((side.model_copy(update=changes),), choose.bracket)
+        selection = choose(T[None], poses=poses, bin=free)
+        assert set(reasons(selection, 0)) - {"gripper_bin", "outranked"} == verdicts, changes
+        for c in selection.candidates:
+            limit = changes.get("max_tilt_deg", MAX_TILT_DEG)
+            wanted = np.asarray(changes.get("world_approach", (0, 0, -1)))
+            assert c.T_world_tool[:3, 2] @ wanted >= np.cos(np.deg2rad(limit)) - 1e-9
 
 
 def test_the_same_input_gives_the_same_selection(choose: Chooser) -> None:
@@ -169,3 +209,34 @@ def test_the_highest_of_equals_comes_first(choose: Chooser) -> None:
     Ts = np.stack([choose.lying(-0.06, z=0.008), choose.lying(0.06, z=0.03)])
     assert choose(Ts).candidates[0].estimate == 1
     assert choose(Ts, weights={"weight_height": 0.0}, scores=np.array([0.9, 0.6])).candidates[0].estimate == 0
+
+
+def test_another_part_between_the_fingers_or_close_beside_counts_against_a_grasp(choose: Chooser) -> None:
+    """Points where the pads will close predict a double pick; points just outside the fingers leave little room."""
+    T = choose.lying(z=0.02)
+    plate = next(p for p in choose.poses.points if p.name == "plate_from_top").model_copy(
+        update={"depths": (0.005,), "slide": None, "tool_rotation": Turn(), "flip": False}
+    )
+    poses = expand((plate,), choose.bracket)
+    (tool,) = T @ poses.Ts_part_tool
+
+    def terms(x: float, y: float, z: float) -> dict[str, float]:
+        """Of the one grasp when a small cluster of points is at (x, y, z) of the tool frame."""
+        grid = np.stack(np.meshgrid(*[[-0.003, 0.0, 0.003]] * 3), -1).reshape(-1, 3)
+        (candidate,) = choose(T[None], apply(tool, grid + np.array([x, y, z])), poses=poses).candidates
+        return candidate.terms
+
+    above, beside, away = terms(0.0, 0.0, -0.030), terms(0.023, 0.0, -0.035), terms(0.05, 0.0, -0.01)
+    assert (above["alone"], beside["alone"], away["alone"]) == (0.0, 1.0, 1.0)
+    assert away["clearance"] == 1.0
+    assert 0.0 < beside["clearance"] < 0.75
+
+
+def test_robustness_falls_with_depth_slide_and_a_doubtful_pose(choose: Chooser) -> None:
+    point = choose.poses.points[0].model_copy(update={"robustness": 0.8, "tolerance": 0.004})
+    poses = expand((point,), choose.bracket)
+    sure, doubtful = robustness(poses, 0.0), robustness(poses, 0.004)
+    best = (poses.depth_rank == 0) & (poses.offset == 0)
+    np.testing.assert_allclose(sure[best], 0.8)
+    np.testing.assert_allclose(doubtful, 0.5 * sure)
+    assert (sure[~best] < 0.8).all() and (sure >= 0).all()

@@ -108,9 +108,47 @@ def test_symmetry_makes_every_grasp_again_on_each_equal_side(
     assert np.abs(all_ - alone).max((1, 2)).min() < 1e-12
 
 
+def test_a_grasp_that_symmetry_gives_twice_is_kept_once(bracket: Workpiece) -> None:
+    """Half a turn about the approach is the flip: symmetric parts would offer each pose twice."""
+    straight_down = point(centre=(0, 0, 0.003), approach=(0, 0, -1), closing=(1, 0, 0), flip=True)
+    two_fold = replace(bracket, symmetry=Symmetry((0, 0, 180)))
+    assert len(expand((straight_down,), two_fold).index) == 2
+    round_part = replace(bracket, symmetry=Symmetry((0, 0, 1)))
+    assert len(expand((straight_down,), round_part).index) == 24
+    turned = straight_down.model_copy(update={"part_rotation": Turn(from_deg=-90, to_deg=90, step_deg=15)})
+    assert len(expand((turned,), round_part).index) == 24
+    assert len(expand((straight_down.model_copy(update={"symmetry": False}),), round_part).index) == 2
+
+
+def test_of_equal_poses_the_most_wanted_is_kept(bracket: Workpiece) -> None:
+    """Slid by the difference of two depths along the approach, a pose comes up again as a less wanted one."""
+    along = point(slide=Slide(along=(0, 3, 4), offsets=(0.0, 0.002)), depths=(0.004, 0.002))
+    out = expand((along,), bracket)
+    assert len(out.index) == 3
+    same = np.argmin(np.abs(out.Ts_part_tool[:, :3, 3] - PLAIN["centre"] - 0.004 * np.array([0, 0.6, 0.8])).sum(1))
+    assert (out.depth_rank[same], out.offset[same]) == (0, 0.0)
+
+
+def test_approach_rotation_turns_the_tool_about_its_own_axis(bracket: Workpiece) -> None:
+    plain = expand((point(),), bracket).Ts_part_tool[0]
+    spun = expand((point(approach_rotation=Turn(from_deg=-60, to_deg=60, step_deg=30)),), bracket).Ts_part_tool
+    assert len(spun) == 5
+    for T, deg in zip(spun, (0, -30, 30, -60, 60), strict=True):
+        np.testing.assert_allclose(T, plain @ about_axis((0, 0, 1), np.deg2rad(deg)), atol=1e-12)
+
+
+def test_only_what_is_enabled_and_for_the_gripper_is_expanded(bracket: Workpiece) -> None:
+    mine, other = point(name="a", gripper="jaw_v1"), point(name="b", gripper="cup", flip=True)
+    off = point(name="c", gripper="jaw_v1", enabled=False, depths=(0.001, 0.002, 0.003))
+    out = expand((mine, other, off), bracket, "jaw_v1")
+    assert set(out.index.tolist()) == {0}
+    assert out.disabled == {"b": 2, "c": 3}
+
+
 def test_opening_leaves_a_margin_on_each_side() -> None:
     assert opening(point(width=0.02)) == pytest.approx(0.02 + 2 * OPENING_MARGIN)
     assert opening(point(width=0.02, opening=0.05)) == 0.05
+    assert opening(point(width=0.02, stroke=0.012)) == pytest.approx(0.032)
 
 
 # The shipped tables against the shipped CAD: a wrong centre, width, direction or freedom shows here.
@@ -185,6 +223,17 @@ def write(folder: Path, grasps: list[dict[str, Any]], gripper: str = "jaw_v1") -
         ({"closing": [0, 1, 0]}, ["grasps.0", "right angles"]),
         ({"approach": [0, 0, 0]}, ["grasps.0", "zero"]),
         ({"part_axis": [0, 0, 0]}, ["grasps.0", "part_axis"]),
+        ({"world_approach": [0, 0, 0]}, ["grasps.0", "world_approach must not be zero"]),
+        ({"max_tilt_deg": 200}, ["grasps.0.max_tilt_deg", "200"]),
+        ({"robustness": -0.1}, ["grasps.0.robustness", "-0.1"]),
+        ({"approach_rotation": {"from_deg": -190}}, ["grasps.0.approach_rotation.from_deg", "-190"]),
+        ({"stroke": 0}, ["grasps.0.stroke", "0"]),
+        ({"stroke": 0.01, "opening": 0.02}, ["grasps.0", "opening and stroke exclude each other"]),
+        ({"opening": 0.009}, ["grasps.0", "opening must not be below width"]),
+        ({"stroke": 0.055}, ["grasps.0.opening", "0.065", "0.06 m"]),
+        ({"enabled": "perhaps"}, ["grasps.0.enabled", "perhaps"]),
+        ({"gripper": "vacuum_v1"}, ["grasps", "vacuum_v1", "jaw_v1"]),
+        ({"name": ""}, ["grasps.0.name", "at least 1"]),
         ({"priority": 1.5}, ["grasps.0.priority", "1.5"]),
         ({"opening": 0.061}, ["grasps.0.opening", "0.061", "0.06 m"]),
         ({"width": 0.058}, ["grasps.0.opening", "0.063", "0.06 m"]),

@@ -76,6 +76,9 @@ def test_a_plain_pick_is_a_success() -> None:
         ({"lifted": (0, 1)}, "double_pick"),
         ({"carried": (0, 1)}, "double_pick"),
         ({"after": after("place place source place")}, "double_pick"),  # hooked on, between no fingers
+        ({"put_back": True, "carried": (), "after": after(BEFORE)}, "double_pick"),  # too heavy at the wrist
+        ({"put_back": True, "carried": (), "after": after("- source source place")}, "double_pick"),
+        ({"put_back": True, "carried": (), "after": after("source - source place")}, "ejected"),
         # another one out of its bin
         ({"after": after("place - source place")}, "ejected"),
         ({"after": after("place source source -")}, "ejected"),  # knocked out of the place bin

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from cell.bin import Bin
-from cell.frames import Array, apply, invert, make_transform, random_rotations
+from cell.frames import Array, about_axis, apply, invert, make_transform, random_rotations
 from cell.gripper import load_gripper
+from cell.symmetry import Symmetry
 from cell.workpiece import Workpiece, load_workpiece
 from grasping.grasp_points import load_grasps
-from scenarios.place import DROP, SLOTS_OFFERED, YAWS, PlacePlan
+from scenarios.place import DROP, SLOTS_OFFERED, YAWS, PlacePlan, place_error
 
 BIN = Bin("place", (0.26, 0.20, 0.06), 0.006, (0.22, -0.40, 0.01), 0.4)
 
@@ -108,3 +109,26 @@ def test_a_bin_smaller_than_the_part_has_one_slot_in_its_middle(bracket: Workpie
     plan = PlacePlan(replace(BIN, inner=(0.05, 0.04, 0.05)), bracket)
     np.testing.assert_allclose(plan.slots, [[0.0, 0.0]], atol=1e-12)
     assert plan.tool_poses(np.eye(4)).shape == (2 * YAWS, 4, 4)  # lying flat, and with the tool down
+
+
+def test_slots_without_a_way_make_room_for_others(bracket: Workpiece, holds: Array) -> None:
+    """Every slot is offered in turn, however many of them cannot be reached, and heights do not change by it."""
+    plan = PlacePlan(replace(BIN, inner=(0.40, 0.30, 0.06)), bracket)
+    assert len(plan.slots) > 2 * SLOTS_OFFERED
+    seen: set[int] = set()
+    for _ in range(-(-len(plan.slots) // SLOTS_OFFERED)):
+        heights = apply(parts_in_bin(plan, holds[0]), bracket.vertices)[..., 2].min(axis=1)
+        np.testing.assert_allclose(heights, DROP, atol=1e-9)
+        seen |= set(plan.offered.tolist())
+        plan.pass_over()
+    assert seen == set(range(len(plan.slots)))
+    assert sum(plan.used) == 0
+
+
+def test_the_error_of_a_placement(bracket: Workpiece) -> None:
+    wanted = make_transform(t=(0.2, -0.4, 0.03))
+    rests = make_transform(t=(0.203, -0.396, 0.01)) @ about_axis((0, 0, 1), np.array(0.2))
+    assert place_error(rests, wanted, bracket) == pytest.approx((0.005, 0.2))
+    two_fold = replace(bracket, symmetry=Symmetry((0, 0, 180)))
+    turned = rests @ about_axis((0, 0, 1), np.array(np.pi))
+    assert place_error(turned, wanted, two_fold) == pytest.approx((0.005, 0.2))

@@ -125,3 +125,17 @@ def test_disk_full_keeps_what_was_committed(tmp_path):
         kept = store.attempts()
     assert 0 < len(kept) < 40
     assert kept == [dataclasses.replace(a, pictures={}) for a in records[: len(kept)]]
+
+
+def test_results_of_the_first_version_are_still_read(tmp_path):
+    """They knew no placement error."""
+    with Store.create(tmp_path, META) as store:
+        store.add_attempt(fake_attempt(0, 0, 5, 5, np.random.default_rng(0), False))
+        written = store.attempts()
+    with sqlite3.connect(tmp_path / FILE) as db:
+        for name in ("place_mm", "place_deg"):
+            db.execute(f"ALTER TABLE attempts DROP COLUMN {name}")
+        db.execute("PRAGMA user_version = 1")
+    db.close()
+    with Store.read(tmp_path) as store:
+        assert store.attempts() == written

@@ -1,0 +1,180 @@
+"""Proposals from the CAD: where the fingers of a parallel jaw find two faces that look at each other.
+
+Antipodal sampling as in Nguyen, "Constructing force-closure grasps" (1988): from a point of the surface a ray goes
+through the material; where it leaves through a face that looks the other way, two pads pressed on both ends hold by
+friction alone. What holds in the physics is for `scenarios.grasp_trial` to say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.errors import InputError
+from cell.frames import Array, about_axis, apply, invert, make_transform
+from cell.gripper import Gripper
+from cell.jaw import ParallelJaw
+from cell.workpiece import Workpiece
+from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
+
+STEP_DEG = 15.0  # between approaches about the closing direction
+RAYS = 4000
+OPPOSED = np.cos(np.deg2rad(8.0))  # of the two faces, well inside the friction cone
+DEPTH = 0.004  # [m] that the tips go past the line between the contacts
+TOUCH = 3e-4  # [m] within which surface touches a pad
+FACING = 0.95  # cosine of the angle at which surface still carries a pad
+LEAST_AREA = 30e-6  # [m2] under each pad
+INTO = 5e-5  # [m] that the gripper may go into the workpiece, for the sampling of its surface
+SPACING = 0.010  # [m] between proposals that grip along the same direction
+TRIED = 40
+"""Pairs of contacts that are looked at, nearest to the centre of mass first, each well apart from the others."""
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """Surface samples of the workpiece: points and outward normals (n, 3), and the area [m2] that one stands for."""
+
+    points: Array
+    normals: Array
+    area: float
+
+    @staticmethod
+    def of(workpiece: Workpiece) -> _Surface:
+        n = int(np.clip(workpiece.mesh.area / 2e-6, 3000, 12_000))
+        points, normals = workpiece.sample_surface(n, seed=5)
+        return _Surface(points, normals, float(workpiece.mesh.area) / n)
+
+
+def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.Generator) -> list[GraspPoint]:
+    """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
+
+    One function proposes for each kind of gripper; so far `jaw_proposals`.
+
+    Raises:
+        InputError: another kind of gripper.
+    """
+    if not isinstance(gripper, ParallelJaw):
+        raise InputError("command line", "--gripper", gripper.name, "a parallel jaw")
+    found: list[GraspPoint] = []
+    for point in jaw_proposals(workpiece, gripper, rng):
+        if not any(_alike(point, other, workpiece) for other in found):
+            name = f"jaw_{len(found) + 1}"
+            found.append(point.model_copy(update={"name": name}))
+        if len(found) >= count:
+            break
+    return found
+
+
+def jaw_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
+    """Antipodal grasps of a parallel jaw, each with the range of approaches for which the gripper has room."""
+    surface = _Surface.of(workpiece)
+    centres, closings, widths = _antipodal(workpiece, gripper.max_opening - 2 * OPENING_MARGIN, rng)
+    order = _apart(centres, closings, workpiece)
+    for centre, closing, width in zip(centres[order], closings[order], widths[order], strict=True):
+        free = _free_approaches(centre, closing, float(width), gripper, surface)
+        for start, n in _arcs(free):
+            middle = start + (n - 1) // 2
+            below, above = (n - 1) // 2, n - 1 - (n - 1) // 2
+            if n == len(free):
+                below, above = n // 2, n - 1 - n // 2
+            yield _point(centre, closing, float(width), middle * STEP_DEG, (-below * STEP_DEG, above * STEP_DEG))
+
+
+def _antipodal(workpiece: Workpiece, widest: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Middles (n, 3), directions (n, 3) and distances (n,) [m] of opposed contacts at most `widest` apart."""
+    points, normals = workpiece.sample_surface(RAYS, seed=int(rng.integers(2**31)))
+    mesh = workpiece.mesh
+    hits, ray, face = mesh.ray.intersects_location(points - 1e-6 * normals, -normals, multiple_hits=True)
+    width = np.linalg.norm(hits - points[ray], axis=1)
+    leaves = np.einsum("ij,ij->i", mesh.face_normals[face], -normals[ray]) > OPPOSED
+    good = leaves & (width < widest) & (width > 1e-3)
+    ray, hits, width = ray[good], hits[good], width[good]
+    return (points[ray] + hits) / 2, -normals[ray], width
+
+
+def _apart(centres: Array, closings: Array, workpiece: Workpiece) -> list[int]:
+    """Pairs of contacts, nearest to the centre of mass first, of which none repeats another one or its symmetric."""
+    rotations = workpiece.symmetry.rotations()
+    kept: list[int] = []
+    images, directions = np.zeros((0, 3)), np.zeros((0, 3))
+    for i in np.argsort(np.linalg.norm(centres - workpiece.com, axis=1), kind="stable"):
+        near = np.linalg.norm(images - centres[i], axis=1) < SPACING / 2
+        if not (near & (np.abs(directions @ closings[i]) > OPPOSED)).any():
+            kept.append(int(i))
+            images = np.concatenate([images, rotations @ centres[i]])
+            directions = np.concatenate([directions, rotations @ closings[i]])
+        if len(kept) >= TRIED:
+            break
+    return kept
+
+
+def _free_approaches(
+    centre: Array, closing: Array, width: float, gripper: ParallelJaw, surface: _Surface
+) -> np.ndarray:
+    """(24,) bool: approaches at multiples of STEP_DEG for which the gripper has room and both pads have enough face."""
+    Ts_tool_part = invert(_tool_poses(centre, closing))
+    fingers, length = gripper.finger_size, gripper.finger_size[2]
+    reach = float(np.linalg.norm(gripper.boxes(gripper.max_opening)[0].T_world_box[:3, 3])) + 0.1
+    near = np.linalg.norm(surface.points - centre, axis=1) < reach
+    p = apply(Ts_tool_part, surface.points[near])
+    n = surface.normals[near] @ np.swapaxes(Ts_tool_part[:, :3, :3], -1, -2)
+    free = np.ones(len(p), dtype=bool)
+    for box in [*gripper.boxes(width + 2 * OPENING_MARGIN), *gripper.finger_boxes(width)]:
+        depth = (np.asarray(box.size) / 2 - np.abs(p - box.T_world_box[:3, 3])).min(axis=-1)
+        free &= depth.max(axis=1) < INTO
+    on_pad = (np.abs(p[..., 1]) < fingers[1] / 2) & (p[..., 2] < 0) & (p[..., 2] > -length)
+    for side in (-1, 1):
+        touching = on_pad & (np.abs(p[..., 0] - side * width / 2) < TOUCH) & (n[..., 0] * side > FACING)
+        free &= touching.sum(axis=1) * surface.area > LEAST_AREA
+    return free
+
+
+def _tool_poses(centre: Array, closing: Array) -> Array:
+    """Ts_part_tool (24, 4, 4) at multiples of STEP_DEG about the closing direction."""
+    turns = about_axis((1, 0, 0), np.deg2rad(np.arange(0.0, 360.0, STEP_DEG)))
+    return make_transform(_frame(closing), centre) @ turns @ make_transform(t=(0.0, 0.0, DEPTH))
+
+
+def _frame(closing: Array) -> Array:
+    """R_part_tool (3, 3) with x along `closing` and z along the CAD axis that is most at right angles to it."""
+    axis = np.eye(3)[int(np.argmin(np.abs(closing)))]
+    z = axis - (axis @ closing) * closing
+    z /= np.linalg.norm(z)
+    return np.stack([closing, np.cross(z, closing), z], axis=1)
+
+
+def _arcs(free: np.ndarray) -> list[tuple[int, int]]:
+    """Runs of free approaches round the circle: start and length."""
+    n = len(free)
+    if free.all():
+        return [(0, n)]
+    starts = [i for i in range(n) if free[i] and not free[i - 1]]
+    return [(i, next(k for k in range(1, n) if not free[(i + k) % n])) for i in starts]
+
+
+def _point(centre: Array, closing: Array, width: float, angle_deg: float, turn: tuple[float, float]) -> GraspPoint:
+    approach = make_transform(_frame(closing)) @ about_axis((1, 0, 0), np.deg2rad(angle_deg))
+    plain = [[round(float(x), 6) + 0.0 for x in v] for v in (centre, approach[:3, 2], closing)]
+    return GraspPoint.model_validate(
+        {
+            "name": "proposed",
+            "centre": plain[0],
+            "approach": plain[1],
+            "closing": plain[2],
+            "width": round(width, 5),
+            "depths": (DEPTH,),
+            "tool_rotation": Turn(from_deg=turn[0], to_deg=turn[1], step_deg=STEP_DEG),
+        }
+    )
+
+
+def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
+    """Both grip nearly the same spot from the same side, symmetry considered."""
+    for S in workpiece.symmetry.rotations():
+        near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
+        along = abs((S @ np.asarray(a.closing)) @ b.closing) > 0.9
+        if near and along and (S @ np.asarray(a.approach)) @ b.approach > 0.5:
+            return True
+    return False

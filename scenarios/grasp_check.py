@@ -1,0 +1,107 @@
+"""Which grasp points hold a lone workpiece, in each of the poses in which it rests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from cell.frames import Array
+from cell.gripper import Gripper
+from cell.workpiece import Workpiece
+from grasping.candidates import GraspCandidate, select
+from grasping.grasp_points import GraspPoint, expand
+from grasping.ranking import GraspingConfig
+from scenarios.grasp_trial import FREE, TrialCell, robust_share
+
+NOTHING = np.zeros((0, 3))
+
+
+def check_grasp_points(
+    workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint]
+) -> tuple[list[dict[str, Any]], int]:
+    """One row for each grasp point and resting pose, and the number of resting poses.
+
+    A row has `grasp`, `resting` (index, likeliest first), `verdict` (`holds`, what went wrong in the physics, or the
+    first reason why the gripper cannot go there), `slip_mm` and `turn_deg` of what was held.
+    """
+    rows = []
+    with closing(TrialCell(workpiece, gripper)) as cell:
+        resting = cell.resting_poses()
+        for point in points:
+            for k, T_world_part in enumerate(resting):
+                row: dict[str, Any] = {"grasp": point.name, "resting": k, "slip_mm": None, "turn_deg": None}
+                best = best_candidate(point, T_world_part, workpiece, gripper)
+                if isinstance(best, str):
+                    rows.append(row | {"verdict": best})
+                    continue
+                trial = cell.try_grasp(T_world_part, best.T_world_tool, best.opening)
+                held = {"slip_mm": round(1000 * trial.slip, 3), "turn_deg": round(float(np.rad2deg(trial.turn)), 3)}
+                rows.append(row | {"verdict": "holds", **held} if trial.held else row | {"verdict": trial.reason})
+    return rows, len(resting)
+
+
+def tried(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint]) -> list[GraspPoint]:
+    """Of proposed grasp points those that hold, with the share of pose errors that they bear, most robust first."""
+    kept = []
+    with closing(TrialCell(workpiece, gripper)) as cell:
+        resting = cell.resting_poses()
+        for point in points:
+            share = _robustness(cell, resting, point)
+            if share > 0.5:
+                kept.append(point.model_copy(update={"robustness": round(share, 2), "priority": round(share, 2)}))
+    return sorted(kept, key=lambda p: -p.robustness)
+
+
+def best_candidate(
+    point: GraspPoint, T_world_part: Array, workpiece: Workpiece, gripper: Gripper
+) -> GraspCandidate | str:
+    """The best pose of one grasp point on a workpiece that lies alone; else the verdict on most of its poses."""
+    poses = expand((point,), workpiece)
+    one = select(
+        T_world_part[None], np.ones(1), np.zeros(1, bool), poses, workpiece, gripper, FREE, NOTHING, GraspingConfig()
+    )
+    if one.candidates:
+        return one.candidates[0]
+    counts = one.ruled_out[0][point.name]
+    return max(counts, key=lambda verdict: counts[verdict])
+
+
+def check_table(rows: Sequence[dict[str, Any]], resting: int) -> Table:
+    """Grasp points against resting poses."""
+    table = Table(title="a lone workpiece in its resting poses, likeliest first; slip in mm", title_justify="left")
+    table.add_column("grasp point", no_wrap=True)
+    for k in range(resting):
+        table.add_column(f"pose {k}")
+    for name in dict.fromkeys(row["grasp"] for row in rows):
+        mine = {row["resting"]: row for row in rows if row["grasp"] == name}
+        table.add_row(name, *(_cell(mine[k]) for k in range(resting)))
+    return table
+
+
+def _cell(row: dict[str, Any]) -> str:
+    if row["verdict"] == "holds":
+        return f"[green]holds[/green] {row['slip_mm']:.2f}"
+    return str(row["verdict"])
+
+
+def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
+    """Share of pose errors under which the grasp holds, in the likeliest resting pose that leaves the gripper room.
+
+    A workpiece whose grasp looks sideways or up in all its resting poses is turned in thought: the limit on tilt is
+    lifted, so that the grasp is tried before it is thrown away; in a heap workpieces lie in all ways.
+    """
+    for loose in (point, _leaning(point)):
+        for T_world_part in resting:
+            best = best_candidate(loose, T_world_part, cell.workpiece, cell.gripper)
+            if isinstance(best, GraspCandidate):
+                return robust_share(cell, T_world_part, best.T_world_tool, best.opening)
+    return 0.0
+
+
+def _leaning(point: GraspPoint) -> GraspPoint:
+    """The grasp point with an approach up to the horizontal."""
+    return point.model_copy(update={"max_tilt_deg": 90.0})

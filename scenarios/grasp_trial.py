@@ -1,0 +1,121 @@
+"""Grasps tried in the physics on a lone workpiece: no arm, no bin, no neighbours.
+
+A gantry carries the gripper to a workpiece that lies on a table as it rests, grips, lifts and shakes it with the
+acceleration of a transfer. What is still between the fingers then is held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cell.arm import Arm
+from cell.bin import Bin, table
+from cell.execute import close_jaws, execute, held_parts
+from cell.frames import Array, about_axis, invert, make_transform, rotation_angle
+from cell.gripper import Gripper
+from cell.workpiece import Workpiece
+from cell.world import World
+
+URDF = Path(__file__).resolve().parent / "gantry.urdf"
+JOINTS = ("x", "y", "z", "yaw", "pitch", "roll")
+FREE = Bin("table", (20.0, 20.0, 1e-4), 0.01, (0.0, 0.0, 0.0))
+"""No bin at all: a floor as far as any gripper reaches."""
+LIKELY = 0.02  # probability of a resting pose below which it is not looked at
+POSES = 8
+BEFORE = 0.03  # [m] of straight line before the grasp
+LIFT, SHAKE = 0.10, 0.06  # [m]
+ACCELERATION = 12.0  # [m/s2] of lift and shake: what a scenario allows to the held workpiece
+SHIFT, TURN = 0.0015, np.deg2rad(2.0)  # errors of a pose for which a grasp is tried, along and about each axis
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One grasp in the physics: whether the workpiece was still held, and how far it slid in the fingers."""
+
+    held: bool
+    slip: float
+    turn: float
+    reason: str
+
+
+class TrialCell:
+    """A table, one workpiece and a gripper on a gantry; use it for many trials, then close it."""
+
+    def __init__(self, workpiece: Workpiece, gripper: Gripper) -> None:
+        self.workpiece, self.gripper = workpiece, gripper
+        self.world = World()
+        self.world.add_box(table((8.0, 8.0, 0.1), (0.0, 0.0, 0.0)))
+        self.arm = Arm(self.world, URDF, JOINTS, gripper)
+        self.arm.reset(np.array([0.0, 0.0, 3.0, 0.0, np.pi, 0.0]))
+        self.world.add_part(workpiece, make_transform(t=(0.0, 0.0, 1.0)))
+
+    def close(self) -> None:
+        self.world.close()
+
+    def resting_poses(self) -> Array:
+        """Ts_world_part (k, 4, 4) in which the workpiece lies still on the table, likeliest first."""
+        Ts, _ = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=LIKELY)
+        found: list[Array] = []
+        for T in np.asarray(Ts).reshape(-1, 4, 4)[:POSES]:
+            self.world.place_part(0, make_transform(t=(-T[0, 3], -T[1, 3], 0.001)) @ T)
+            rested = self.world.run_until_rest(3.0, sleep=False)
+            pose = self.world.part_pose(0)
+            if rested and not any(np.abs(pose[2, :3] - p[2, :3]).max() < 0.02 for p in found):
+                found.append(pose)
+        return np.asarray(found).reshape(-1, 4, 4)
+
+    def try_grasp(self, T_world_part: Array, T_world_tool: Array, opening: float) -> Trial:
+        """Grip the workpiece that lies at T_world_part with the TCP at T_world_tool, lift and shake it."""
+        self.arm.reset(self._joints(T_world_tool @ make_transform(t=(0.0, 0.0, -BEFORE))), opening)
+        self.world.place_part(0, T_world_part)
+        self._line(T_world_tool)
+        if close_jaws(self.world, self.arm).parts != (0,):
+            return Trial(False, 0.0, 0.0, "closed on nothing")
+        T_tool_part = invert(self.arm.tool_pose()) @ self.world.part_pose(0)
+        for way in ((0.0, 0.0, LIFT), (SHAKE, 0.0, LIFT), (0.0, SHAKE, LIFT)):
+            self._line(make_transform(t=way) @ T_world_tool)
+            if held_parts(self.world, self.arm) != (0,):
+                return Trial(False, 0.0, 0.0, "lost in the lift" if way[:2] == (0.0, 0.0) else "lost in the shake")
+        moved = invert(T_tool_part) @ invert(self.arm.tool_pose()) @ self.world.part_pose(0)
+        com = np.append(self.workpiece.com, 1.0)
+        slip, turn = float(np.linalg.norm((moved @ com - com)[:3])), float(rotation_angle(moved[:3, :3]))
+        return Trial(True, slip, turn, "")
+
+    def _line(self, T_world_tool: Array) -> None:
+        """Straight to a tool pose of the same rotation, from rest to rest with a quintic time law."""
+        q0, q1 = self.arm.q, self._joints(T_world_tool)
+        q1[3:] = q0[3:]
+        duration = np.sqrt(10 / np.sqrt(3) * np.linalg.norm(q1 - q0) / ACCELERATION)
+        s = np.linspace(0, 1, max(int(np.ceil(duration / self.world.dt)), 2) + 1)[1:, None]
+        execute(self.world, self.arm, q0 + s**3 * (10 - 15 * s + 6 * s * s) * (q1 - q0))
+
+    def _joints(self, T_world_tool: Array) -> Array:
+        flange = T_world_tool @ invert(self.gripper.T_flange_tool)
+        return np.concatenate([flange[:3, 3], Rotation.from_matrix(flange[:3, :3]).as_euler("ZYX")])
+
+
+def pose_errors(shift: float = SHIFT, turn: float = TURN) -> Array:
+    """Errors T_part_estimate (13, 4, 4): none, then `shift` [m] along and `turn` [rad] about each axis both ways."""
+    errors = [np.eye(4)]
+    for axis, sign in product(np.eye(3), (1, -1)):
+        errors += [make_transform(t=sign * shift * axis), about_axis(axis, np.array(sign * turn))]
+    return np.stack(errors)
+
+
+def robust_share(cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float) -> float:
+    """Share of pose errors, about the centre of mass, under which a grasp still holds."""
+    T_world_com = T_world_part @ make_transform(t=cell.workpiece.com)
+    held = [cell.try_grasp(T_world_part, T, opening).held for T in _disturbed(T_world_com, T_world_tool)]
+    return float(np.mean(held))
+
+
+def _disturbed(T_world_com: Array, T_world_tool: Array) -> Iterator[Array]:
+    """Where the tool goes when the workpiece's pose is estimated with each of the errors."""
+    for error in pose_errors():
+        yield T_world_com @ error @ invert(T_world_com) @ T_world_tool

@@ -1,0 +1,132 @@
+"""`pickproof grasps ...`: grasp points of a workpiece checked, proposed, imported and exported."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import yaml
+from rich.console import Console
+
+from cell.errors import InputError
+from cell.frames import Array, from_rpy
+from cell.gripper import load_gripper
+from cell.workpiece import load_workpiece
+from grasping.grasp_points import GraspPoint, GraspTable, load_grasps
+from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
+
+GRIPPER = "jaw_v1"
+SIX = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Of the command `grasps`."""
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="grasps_command")
+    importing = commands.add_parser("import", help="an isaac_grasp file (format version 1.0) as grasps.yaml")
+    importing.add_argument("workpiece", metavar="WORKPIECE")
+    importing.add_argument("file", type=Path, metavar="FILE")
+    importing.set_defaults(run=_import)
+    exporting = commands.add_parser("export", help="grasps.yaml as an isaac_grasp file (format version 1.0)")
+    exporting.add_argument("workpiece", metavar="WORKPIECE")
+    exporting.set_defaults(run=_export)
+    checking = commands.add_parser("check", help="try each grasp on a lone workpiece in every resting pose")
+    checking.add_argument("workpiece", metavar="WORKPIECE")
+    checking.add_argument("--json", action="store_true", help="print the trials as JSON")
+    checking.set_defaults(run=_check)
+    sampling = commands.add_parser("sample", help="propose grasp points from the CAD, tried in the physics")
+    sampling.add_argument("workpiece", metavar="WORKPIECE")
+    sampling.add_argument("--count", type=int, default=12, metavar="N", help="proposals tried (default 12)")
+    sampling.add_argument("--seed", type=int, default=0, metavar="S", help="of the rays through the CAD")
+    sampling.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
+    sampling.set_defaults(run=_sample)
+    for command in (importing, exporting, checking, sampling):
+        command.add_argument("--gripper", default=GRIPPER, metavar="G", help=f"default {GRIPPER}")
+    for command in (importing, exporting):
+        command.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
+        command.add_argument(
+            "--tool",
+            nargs=6,
+            type=float,
+            default=[0.0] * 6,
+            metavar=SIX,
+            help="our tool centre point in the other program's gripper frame, in [m] and [deg]; default: that frame",
+        )
+
+
+def main_grasps(args: argparse.Namespace) -> int:
+    """Run the command; returns the exit code."""
+    run: Callable[[argparse.Namespace], int] = args.run
+    return run(args)
+
+
+def _import(args: argparse.Namespace) -> int:
+    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    points = read_isaac_grasps(args.file, _tool(args))
+    reach = float(np.linalg.norm(workpiece.extents)) / 2
+    for point in points:
+        if point.opening is not None and point.opening > gripper.max_opening:
+            valid = f"an opening of at most {gripper.max_opening} m, that of {gripper.name}"
+            raise InputError(args.file, f"grasps.{point.name}", point.opening, valid)
+        if np.linalg.norm(point.centre) > reach:
+            valid = f"a tool centre point on {workpiece.name}, within {reach:.3f} m of its CAD origin (see --tool)"
+            raise InputError(args.file, f"grasps.{point.name}.position", point.centre, valid)
+    return _write(table_text(points, gripper.name), args.out)
+
+
+def _export(args: argparse.Namespace) -> int:
+    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    text = isaac_grasps_text(load_grasps(workpiece, gripper), workpiece.name, gripper.name, _tool(args))
+    return _write(text, args.out)
+
+
+def _check(args: argparse.Namespace) -> int:
+    from scenarios.grasp_check import check_grasp_points, check_table
+
+    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    rows, resting = check_grasp_points(workpiece, gripper, load_grasps(workpiece, gripper).points)
+    if args.json:
+        print(json.dumps({"workpiece": workpiece.name, "gripper": gripper.name, "resting": resting, "trials": rows}))
+    else:
+        Console().print(check_table(rows, resting))
+    return 0
+
+
+def _sample(args: argparse.Namespace) -> int:
+    from grasping.sample import propose
+    from scenarios.grasp_check import tried
+
+    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    for name, value, low in (("--count", args.count, 1), ("--seed", args.seed, 0)):
+        if value < low:
+            raise InputError("command line", name, value, f"an integer from {low}")
+    points = tried(workpiece, gripper, propose(workpiece, gripper, args.count, np.random.default_rng(args.seed)))
+    if not points:
+        raise InputError("command line", "workpiece", workpiece.name, f"one that {gripper.name} can hold")
+    comment = (
+        f"Proposed by `pickproof grasps sample {workpiece.name} --gripper {gripper.name}`; schema: docs/grasping.md."
+    )
+    return _write(table_text(points, gripper.name, comment), args.out)
+
+
+def table_text(points: list[GraspPoint], gripper: str, comment: str = "") -> str:
+    """The text of a grasps.yaml; fields that have their default are left out."""
+    table = GraspTable(gripper=gripper, grasps=points).model_dump(mode="json", exclude_defaults=True)
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    return head + str(yaml.safe_dump(table, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _tool(args: argparse.Namespace) -> Array:
+    return from_rpy(args.tool[:3], np.deg2rad(args.tool[3:]))
+
+
+def _write(text: str, path: Path | None) -> int:
+    if path is None:
+        sys.stdout.write(text)
+    else:
+        path.write_text(text, encoding="utf-8")
+        print(f"wrote {path}")
+    return 0

@@ -1,0 +1,86 @@
+"""Grasps tried on a lone workpiece: what holds holds, what cannot hold does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.frames import make_transform, rotation_angle
+from cell.gripper import load_gripper
+from cell.workpiece import load_workpiece
+from grasping.candidates import GraspCandidate
+from grasping.grasp_points import GraspPoint, load_grasps
+from scenarios.grasp_check import best_candidate, check_grasp_points, check_table
+from scenarios.grasp_trial import SHIFT, TURN, TrialCell, pose_errors
+
+BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
+
+
+@pytest.fixture(scope="module")
+def cell() -> Iterator[TrialCell]:
+    built = TrialCell(BRACKET, JAW)
+    yield built
+    built.close()
+
+
+def grasp(name: str) -> GraspPoint:
+    return next(p for p in load_grasps(BRACKET, JAW).points if p.name == name)
+
+
+def test_a_workpiece_lies_still_in_every_resting_pose(cell: TrialCell) -> None:
+    resting = cell.resting_poses()
+    assert 3 <= len(resting) <= 8
+    for T in resting:
+        cell.world.place_part(0, T)
+        cell.world.run(0.3)
+        moved = cell.world.part_pose(0)
+        assert np.linalg.norm(moved[:3, 3] - T[:3, 3]) < 5e-4
+        assert rotation_angle(T[:3, :3].T @ moved[:3, :3]) < 0.01
+
+
+def test_good_grasps_hold_and_bad_ones_do_not(cell: TrialCell) -> None:
+    T = cell.resting_poses()[0]
+    best = best_candidate(grasp("plate_from_top"), T, BRACKET, JAW)
+    assert isinstance(best, GraspCandidate)
+    good = cell.try_grasp(T, best.T_world_tool, best.opening)
+    assert good.held and good.slip < 1e-3 and good.reason == ""
+    high = make_transform(t=(0.0, 0.0, 0.03)) @ best.T_world_tool
+    assert cell.try_grasp(T, high, best.opening).reason == "closed on nothing"
+    again = cell.try_grasp(T, best.T_world_tool, best.opening)
+    assert again.held and again.slip == pytest.approx(good.slip, abs=2e-4)  # trials do not spoil each other
+
+
+def test_a_workpiece_too_heavy_for_the_force_is_lost() -> None:
+    """40 N on each pad at a friction of 0.63 carry 5 kg at rest; 20 kg come out."""
+    heavy = replace(BRACKET, mass=20.0, inertia=BRACKET.inertia * 20.0 / BRACKET.mass)
+    built = TrialCell(heavy, JAW)
+    try:
+        T = built.resting_poses()[0]
+        best = best_candidate(grasp("plate_from_top"), T, heavy, JAW)
+        assert isinstance(best, GraspCandidate)
+        assert built.try_grasp(T, best.T_world_tool, best.opening).reason == "lost in the lift"
+    finally:
+        built.close()
+
+
+def test_the_table_says_what_holds_where() -> None:
+    rows, resting = check_grasp_points(BRACKET, JAW, [grasp("plate_from_top"), grasp("plate_from_below")])
+    assert len(rows) == 2 * resting
+    verdicts = {
+        name: [r["verdict"] for r in rows if r["grasp"] == name] for name in ("plate_from_top", "plate_from_below")
+    }
+    assert all("holds" in v and "tilt" in v for v in verdicts.values())
+    for row in rows:
+        assert (row["slip_mm"] is not None) == (row["verdict"] == "holds")
+    assert check_table(rows, resting).row_count == 2
+
+
+def test_pose_errors_are_the_size_that_they_say() -> None:
+    errors = pose_errors()
+    shifts = np.linalg.norm(errors[:, :3, 3], axis=1)
+    turns = rotation_angle(errors[:, :3, :3])
+    assert sorted(np.round(shifts, 9)) == [0.0] * 7 + [SHIFT] * 6
+    np.testing.assert_allclose(sorted(turns), [0.0] * 7 + [TURN] * 6, atol=1e-9)

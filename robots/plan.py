@@ -299,9 +299,9 @@ def _travelled(scene: CollisionScene, request: PickRequest, q: Array, distance: 
 
 
 def _split(whole: Trajectory, at: int) -> tuple[Trajectory, Trajectory]:
-    """Lift and carry of one motion with the part."""
+    """Lift and carry of one motion with the part; no sample is in both, or the arm would stand still for a step."""
     first = Trajectory("lift", whole.q[: at + 1].copy(), whole.qd[: at + 1].copy(), whole.dt)
-    return first, Trajectory("carry", whole.q[at:].copy(), whole.qd[at:].copy(), whole.dt)
+    return first, Trajectory("carry", whole.q[at + 1 :].copy(), whole.qd[at + 1 :].copy(), whole.dt)
 
 
 def _standing(scene: CollisionScene, found: Branches, k: int, slot: int, mode: Mode) -> _Blocked | None:

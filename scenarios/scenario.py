@@ -120,7 +120,7 @@ class StopConfig(Config):
 class CarryConfig(Config):
     """How the held workpiece is moved."""
 
-    speed_scale: float = Field(default=0.7, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
+    speed_scale: float = Field(default=0.8, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
 
 
 def robots() -> list[str]:

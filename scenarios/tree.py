@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from scenarios.pick import Decision, Estimates
 
 BY_THE_ARM = ((r"joint limit", Verdict.JOINT_LIMIT), (r"singular", Verdict.SINGULARITY))
-AT_THE_GRASP = ("grasp: ", "approach line: ", "")
+AT_THE_GRASP = ("grasp: ", "way to the grasp: on the line, ", "")
 
 
 def decision_tree(
@@ -60,7 +60,7 @@ def planning_verdict(refusal: str, tool: Collection[str]) -> Verdict:
     if reason == "unreachable":
         return Verdict.NO_IK
     stage, who, what = _contact(detail)
-    if stage == "lift line: " and who == "held" and what.startswith(f"{SOURCE}_"):
+    if who == "held" and what.startswith(f"{SOURCE}_"):
         return Verdict.HELD_BIN
     if stage in AT_THE_GRASP and who in tool:
         if what.startswith(f"{SOURCE}_"):
@@ -82,5 +82,5 @@ def verdict_counts(tree: Any) -> Counter[str]:
 
 def _contact(detail: str) -> tuple[str, str, str]:
     """Stage with its colon, and the two that touch; empty where the detail names none."""
-    found = re.fullmatch(r"(.*: |)(\S+) touches (\S+)", detail)
+    found = re.fullmatch(r"(.*: (?:on the line, )?|)(\S+) touches (\S+)", detail)
     return ("?", "", "") if found is None else (found[1], found[2], found[3])

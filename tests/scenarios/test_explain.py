@@ -65,10 +65,11 @@ def test_an_outstretched_arm_is_singular(robot: RobotModel) -> None:
 def test_what_is_in_the_way_of_whom(robot: RobotModel) -> None:
     base = request_at(robot, 0.45, 0.0)
     wide = (Box("part", (0.30, 0.05, 0.01), make_transform()),)
+    above = make_transform(t=(0.0, 0.0, 0.15)) @ base.Ts_base_tool_place  # the part is free there
     lid = Box("lid", (0.26, 0.20, 0.01), make_transform(t=(0.45, 0, 0.13)))
     hill = HeightField(np.full((60, 60), 0.12), 0.33, -0.12, 0.004)
     cases = [
-        (CollisionScene(robot, TOOL, CELL), replace(base, held_tool=wide), Verdict.HELD_BIN),
+        (CollisionScene(robot, TOOL, CELL), replace(base, held_tool=wide, Ts_base_tool_place=above), Verdict.HELD_BIN),
         (CollisionScene(robot, TOOL, [*CELL, lid]), base, Verdict.PATH_BLOCKED),
         (CollisionScene(robot, TOOL, CELL, hill), base, Verdict.GRIPPER_HEAP),
         (CollisionScene(robot, TOOL, CELL), replace(base, Ts_base_tool_place=deep()), Verdict.PATH_BLOCKED),

@@ -44,7 +44,7 @@ class HypothesisConfig(Config):
     points: int = Field(64, ge=8, description="CAD points of that score")
     screen_points: int = Field(20, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
     apart: float = Field(0.06, ge=0, description="two hypotheses of a place nearer than this, in units, are one")
-    alike: float = Field(0.015, ge=0, description="the same before they are turned and scored, in units")
+    alike: float = Field(0.005, ge=0, description="the same before they are turned and scored, in units")
     slender: int = Field(2, ge=1, description="factor of votes_per_place, keep and keep_after_coarse on slender parts")
 
     def of(self, shape: ShapeModel) -> HypothesisConfig:
@@ -269,7 +269,7 @@ def gather(
     terms = [_terms(p, model) for model in models]
     Rs, ts = torch.from_numpy(R.astype(np.float32)), torch.from_numpy((t - middle).astype(np.float32))
     for reach in rounds:
-        square = [_square_distances(Rs, ts, term, axis, shape) for term in terms]
+        square = [_square_distances(Rs, ts, term, axis, shape.length) for term in terms]
         least = torch.stack(square).amin(0) if len(square) > 1 else square[0]
         weight = (1 - least / reach**2).clamp_(min=0)
         parts = [torch.where(own == least, weight, 0.0) for own in square] if len(square) > 1 else [weight]
@@ -292,17 +292,14 @@ def _terms(p: torch.Tensor, m: torch.Tensor) -> torch.Tensor:
 
 
 def _square_distances(
-    R: torch.Tensor, t: torch.Tensor, terms: torch.Tensor, axis: torch.Tensor, shape: ShapeModel
+    R: torch.Tensor, t: torch.Tensor, terms: torch.Tensor, axis: torch.Tensor, length: float
 ) -> torch.Tensor:
-    """|R^T (p - t) - m|^2 (h, m); what lies along a slender part's axis is divided by its length first."""
+    """|R^T (p - t) - m|^2 (h, m) with what lies along the part's long axis divided by its length."""
     turned = (R.transpose(1, 2) @ t[..., None])[..., 0]
     one = torch.ones(len(R), 1)
     factors = torch.cat([t.square().sum(1, keepdim=True), -2 * t, 2 * turned, -2 * R.flatten(1), one], dim=1)
-    square = factors @ terms.T
-    if shape.slender:
-        factors = torch.cat([-(turned @ axis)[:, None], R @ axis, -axis.expand(len(R), 3)], dim=1)
-        square -= (factors @ terms[:, :7].T).square_() * (1 - 1 / shape.length**2)
-    return square
+    along = torch.cat([-(turned @ axis)[:, None], R @ axis, -axis.expand(len(R), 3)], dim=1)
+    return factors @ terms.T - (along @ terms[:, :7].T).square_().mul_(1 - 1 / length**2)
 
 
 def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:

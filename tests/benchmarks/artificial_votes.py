@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "perception"))
-import artificial
 
 from perception.metrics import FrameScore, score_frame, summarise, visible_instances
 from perception.pose_estimate import PoseEstimate
 from perception.refine import RefineConfig, refine
+from tests.perception import artificial
 
 VOTES = ((0.03, 5, 0.05), (0.12, 25, 0.3), (0.15, 40, 0.55), (0.20, 55, 0.7), (0.12, 25, 1.0))
 """Median error of the centre [unit] and of the rotation [deg], and share of random rotations."""

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import artificial
 import numpy as np
 import pytest
 import trimesh
@@ -21,6 +20,7 @@ from perception.average_precision import (
     unoccluded_pixels,
     visible_share,
 )
+from tests.perception import artificial
 
 BRACKET = load_workpiece("bracket")
 

@@ -1,6 +1,5 @@
 """Clustering: the rotation metric is a length, modes are found, symmetric modes are merged, the vote is a good one."""
 
-import artificial
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,6 +9,7 @@ from cell.workpiece import load_workpiece
 from perception.cluster import ClusterConfig, cluster, find_modes, mean_shift, merge, nearest_rotations
 from perception.shape_model import ShapeModel
 from perception.votes import Votes
+from tests.perception import artificial
 
 
 def scattered(R, t, count, rng, angle=0.15, position=0.03):

@@ -1,6 +1,5 @@
 """Hypotheses: exact alignment, near symmetries, places found by position alone, and the truth among what is kept."""
 
-import artificial
 import numpy as np
 import pytest
 import torch
@@ -22,6 +21,7 @@ from perception.hypotheses import (
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.votes import Votes
+from tests.perception import artificial
 
 
 def test_kabsch_recovers_the_pose_of_each_group():

@@ -1,6 +1,5 @@
 """Registration: the field is the distance, its Jacobian the derivative, and poses come back after a push."""
 
-import artificial
 import numpy as np
 import pytest
 import torch
@@ -13,6 +12,7 @@ from perception.distance_field import DistanceField
 from perception.icp import COARSE, FINE, LAST, _exp, register
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
+from tests.perception import artificial
 
 
 @pytest.fixture(scope="module")

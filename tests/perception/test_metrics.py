@@ -1,6 +1,5 @@
 """Metrics against numbers worked out by hand."""
 
-import artificial
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,6 +14,7 @@ from perception.metrics import (
     summarise,
     visible_instances,
 )
+from tests.perception import artificial
 
 BRACKET = load_workpiece("bracket")
 EVERYTHING = np.ones(3, dtype=bool)

@@ -2,7 +2,6 @@
 
 import functools
 
-import artificial
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from cell.workpiece import load_workpiece
 from perception.average_precision import pose_distances
 from perception.metrics import score_frame, summarise, visible_instances
 from perception.ppf import Ppf, PpfConfig
+from tests.perception import artificial
 
 
 @functools.lru_cache

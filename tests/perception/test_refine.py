@@ -1,6 +1,5 @@
 """The back half as a whole: right poses from weak votes, none from nothing, and the same ones every time."""
 
-import artificial
 import numpy as np
 import pytest
 
@@ -9,6 +8,7 @@ from cell.frames import from_rpy, make_transform
 from perception.metrics import score_frame, summarise, visible_instances
 from perception.refine import RefineConfig, refine
 from perception.votes import Votes
+from tests.perception import artificial
 
 CONFIG = RefineConfig()
 

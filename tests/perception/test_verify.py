@@ -1,6 +1,5 @@
 """Verification: what is there is confirmed, what the camera saw through is refuted, one surface has one owner."""
 
-import artificial
 import numpy as np
 import pytest
 import torch
@@ -10,6 +9,7 @@ from perception.calibration import FEATURES, SIGNS, ScoreModel
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from perception.verify import VerifyConfig, examine, rivalry, suppress
+from tests.perception import artificial
 
 RULES = VerifyConfig()
 

@@ -80,6 +80,13 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         add_explain_arguments(explain)
     explain.set_defaults(command=_explain)
 
+    program = commands.add_parser("export-program", help="the motion of one attempt as a Fanuc TP program (.LS)")
+    if "export-program" in words[:1]:
+        from scenarios.export_program import add_arguments as add_program_arguments
+
+        add_program_arguments(program)
+    program.set_defaults(command=_export_program)
+
     grasps = commands.add_parser("grasps", help="check, propose, import and export the grasp points of a workpiece")
     if "grasps" in words[:1]:
         from scenarios.grasps_cli import add_arguments as add_grasps_arguments
@@ -191,6 +198,12 @@ def _report(args: argparse.Namespace) -> int:
 
     print(f"wrote {write_report(args.directory)}")
     return 0
+
+
+def _export_program(args: argparse.Namespace) -> int:
+    from scenarios.export_program import main_export_program
+
+    return main_export_program(args)
 
 
 def _explain(args: argparse.Namespace) -> int:

@@ -21,6 +21,8 @@ from grasping.candidates import GraspCandidate, Selection, select
 from grasping.clearance import OpenGripper
 from robots.collision import CollisionScene
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
+from robots.waypoints import waypoints_of
+from scenarios.export_program import as_json
 from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
@@ -161,6 +163,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "error_mm": 1000 * error,
             "error_deg": np.rad2deg(angle),
             "grasp": decision.candidate.point.name,
+            "waypoints": as_json(waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, STRAIGHT)),
             "robot_s": robot_s,
         }
     if staged or (cell.pictures and not record["success"]):

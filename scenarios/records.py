@@ -72,6 +72,7 @@ class AttemptRecord:
             duration of the trajectories, in [s].
         part_poses_after: (n, 7) of all workpieces: position [m] and quaternion in the order x, y, z, w.
         tree: estimates -> grasps -> first reason that ruled each out; JSON.
+        waypoints: points of the motion in order, as `export_program.as_json` gives them; None in no-picks.
         pictures: name -> PNG.
         wall_s: wall time of the attempt in [s].
     """
@@ -99,6 +100,7 @@ class AttemptRecord:
     wall_s: float = 0.0
     place_mm: float | None = None
     place_deg: float | None = None
+    waypoints: Any = None
 
     def __post_init__(self) -> None:
         self._normalise()

@@ -33,14 +33,14 @@ CREATE TABLE attempts (
     estimate_T_world_part TEXT, estimate_score REAL, error_mm REAL, error_deg REAL, grasp TEXT NOT NULL,
     sensing_s REAL NOT NULL, perceive_s REAL NOT NULL, choose_s REAL NOT NULL, plan_s REAL NOT NULL,
     robot_s REAL NOT NULL, part_poses_after TEXT NOT NULL, tree TEXT NOT NULL, wall_s REAL NOT NULL,
-    place_mm REAL, place_deg REAL,
+    place_mm REAL, place_deg REAL, waypoints TEXT,
     PRIMARY KEY (seed, attempt));
 CREATE TABLE pictures (
     seed INTEGER NOT NULL, attempt INTEGER NOT NULL, name TEXT NOT NULL, png BLOB NOT NULL,
     PRIMARY KEY (seed, attempt, name));
 """
 _ATTEMPT_COLUMNS = [f.name for f in fields(AttemptRecord) if f.name != "pictures"]
-_JSON_COLUMNS = ("estimate_T_world_part", "part_poses_after", "tree")
+_JSON_COLUMNS = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints")
 _EPISODE_COLUMNS = [f.name for f in fields(EpisodeRecord)]
 
 
@@ -171,7 +171,9 @@ class Store:
         """All attempts in order of seed and attempt, without their pictures."""
         with self._errors():
             there = {row[1] for row in self._db.execute("PRAGMA table_info(attempts)")}
-            columns = [name for name in _ATTEMPT_COLUMNS if name in there]  # version 1 knew no placement error
+            columns = [
+                name for name in _ATTEMPT_COLUMNS if name in there
+            ]  # version 1 knew neither placement error nor waypoints
             query = f"SELECT {', '.join(columns)} FROM attempts ORDER BY seed, attempt"
             return [_attempt(dict(zip(columns, row, strict=True))) for row in self._db.execute(query)]
 
@@ -238,10 +240,9 @@ def _plain(value: Any) -> Any:
 
 
 def _attempt(row: dict[str, Any]) -> AttemptRecord:
-    for name in ("estimate_T_world_part", "part_poses_after"):
-        if row[name] is not None:
+    for name in _JSON_COLUMNS:
+        if row.get(name) is not None:
             row[name] = json.loads(row[name])
-    row["tree"] = json.loads(row["tree"])
     row["moved"], row["success"] = bool(row["moved"]), bool(row["success"])
     return AttemptRecord(**row)
 

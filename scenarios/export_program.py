@@ -1,0 +1,69 @@
+"""`pickproof export-program DIR --attempt N`: the motion of one attempt as a Fanuc TP program."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from cell.errors import InputError
+from cell.gripper import load_gripper
+from robots.model import load_robot
+from robots.tp_program import Waypoint, write_program
+from scenarios.explain import nth_attempt
+from scenarios.scenario import Scenario
+from scenarios.store import Store
+
+
+def as_json(waypoints: list[Waypoint]) -> list[dict[str, Any]]:
+    """The form in which a record keeps waypoints; angles in [rad]."""
+    return [
+        {
+            "q": [round(float(x), 7) for x in w.q],
+            "motion": w.motion,
+            "speed": round(w.speed, 4),
+            "cnt": w.cnt,
+            "gripper": w.gripper,
+        }
+        for w in waypoints
+    ]
+
+
+def from_json(rows: list[dict[str, Any]]) -> list[Waypoint]:
+    """The inverse of `as_json`."""
+    return [Waypoint(np.array(r["q"]), r["motion"], r["speed"], r["cnt"], r["gripper"]) for r in rows]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Of the command `export-program`."""
+    parser.add_argument("directory", type=Path, metavar="DIR", help="where `pickproof run` wrote its results")
+    parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
+    parser.add_argument("--name", default="", help="of the program (default PICK_N)")
+    parser.add_argument("--output", type=int, default=1, help="robot output RO[n] that closes the gripper (default 1)")
+    parser.add_argument("--out", type=Path, default=None, help="file (default DIR/NAME.LS)")
+
+
+def main_export_program(args: argparse.Namespace) -> int:
+    """Run the command; returns the exit code."""
+    if args.output < 1:
+        raise InputError("command line", "--output", args.output, "1 or more")
+    with Store.read(args.directory) as store:
+        attempt = nth_attempt(store.attempts(), args.attempt)
+        scenario = Scenario.model_validate_json(store.meta()["scenario"])
+    if not attempt.waypoints:
+        raise InputError("command line", "--attempt", args.attempt, "an attempt in which the arm moved")
+    name = args.name or f"PICK_{int(args.attempt)}"
+    robot, gripper = load_robot(scenario.robot), load_gripper(scenario.gripper)
+    text = write_program(
+        robot, from_json(attempt.waypoints), gripper.T_flange_tool, name, scenario.name, output=args.output
+    )
+    path = args.out or args.directory / f"{name}.LS"
+    try:
+        path.write_text(text, encoding="ascii")
+    except OSError as error:
+        raise InputError("command line", "--out", str(path), f"a file that can be written ({error.strerror})") from None
+    Console().print(f"wrote {path}", soft_wrap=True)
+    return 0

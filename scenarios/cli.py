@@ -10,13 +10,20 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
 from cell.errors import InputError, PickproofError
+from scenarios.arguments import MAX_SEED, ORACLES
+from scenarios.arguments import integer as _integer
 
-ORACLES = ("perception",)
-MAX_SEED = 2**31 - 1
+_OWN = {  # commands whose module adds its arguments and has a `main`
+    "compare": "compare two campaigns over the same bins",
+    "baseline": "write a small JSON file that a gate compares with",
+    "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
+    "sweep": "run a scenario for every combination of values",
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -85,7 +92,11 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         from perception.evaluate import add_arguments as add_evaluate_arguments
 
         add_evaluate_arguments(evaluate)
-    if "benchmark" in words[:1]:
+    if words[:2] == ["benchmark", "gate"]:
+        from scenarios.gate_calibration import add_arguments as add_calibration_arguments
+
+        add_calibration_arguments(benchmark)
+    elif "benchmark" in words[:1]:
         from perception.benchmark import add_arguments as add_benchmark_arguments
 
         add_benchmark_arguments(benchmark)
@@ -97,6 +108,13 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     evaluate.set_defaults(command=_evaluate)
     benchmark.set_defaults(command=_benchmark)
     fit_score.set_defaults(command=_fit_score)
+
+    for name, text in _OWN.items():
+        own = commands.add_parser(name, help=text)
+        if name in words[:1]:
+            module = import_module(f"scenarios.{name}")
+            module.add_arguments(own)
+            own.set_defaults(command=module.main)
 
     listing = commands.add_parser("list", help="list scenarios and workpieces")
     listing.set_defaults(command=_list)
@@ -188,6 +206,10 @@ def _evaluate(args: argparse.Namespace) -> int:
 
 
 def _benchmark(args: argparse.Namespace) -> int:
+    if args.subject == "gate":
+        from scenarios.gate_calibration import main as main_calibration
+
+        return main_calibration(args)
     from perception.benchmark import main_benchmark
 
     return main_benchmark(args)
@@ -220,19 +242,6 @@ def _free(directory: Path) -> Path:
         n += 1
         candidate = directory.with_name(f"{directory.name}-{n}")
     return candidate
-
-
-def _integer(low: int, high: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r} is not valid; expected an integer from {low} to {high}")
-        return value
-
-    return parse
 
 
 def _version() -> str:

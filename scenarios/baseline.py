@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +16,7 @@ from scenarios.arguments import MAX_SEED, add_change_arguments, integer
 from scenarios.campaign import Runner, run_campaign
 from scenarios.files import write_whole
 from scenarios.paired import MEASURES, Measure, Outcome, outcomes
-from scenarios.scenario import Scenario
+from scenarios.scenario import Scenario, load_scenario, weights_hash
 from scenarios.store import FILE, Store
 
 COLUMNS = ("seed", "dropped", "picked", "attempts", "successes", "first")
@@ -90,7 +91,7 @@ def baseline_of(directory: Path) -> Baseline:
         InputError: no episode has ended.
     """
     with Store.read(directory) as store:
-        meta, found = store.meta(), outcomes(store)
+        meta, found = store.meta(), outcomes(store.attempts(), store.episodes())
     if not found:
         raise InputError(directory / FILE, "episodes", "none that ended", "at least one")
     first = found[0].seed
@@ -111,14 +112,11 @@ def baseline_of(directory: Path) -> Baseline:
     )
 
 
-def only_first_attempts(scenario: Scenario) -> Scenario:
-    """The scenario with episodes that end after their first attempt or no-pick."""
-    return scenario.model_copy(update={"stop": scenario.stop.model_copy(update={"attempt_limit": 1})})
-
-
 def measured_as(scenario: Scenario, measure: Measure) -> Scenario:
-    """The scenario as a gate runs it for a measure."""
-    return only_first_attempts(scenario) if measure == "first_attempt" else scenario
+    """The scenario as it is run for a measure: for first attempts, an episode ends after its first image."""
+    if measure != "first_attempt":
+        return scenario
+    return scenario.model_copy(update={"stop": scenario.stop.model_copy(update={"attempt_limit": 1})})
 
 
 def run_baseline(
@@ -135,8 +133,6 @@ def run_baseline(
     command: str = "",
 ) -> Baseline:
     """Run the episodes and keep their results in `out` too."""
-    from scenarios.scenario import weights_hash
-
     run_campaign(
         measured_as(scenario, measure).model_copy(update={"seed": seed}),
         episodes=episodes,
@@ -151,3 +147,50 @@ def run_baseline(
         pictures=False,
     )
     return baseline_of(out)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `pickproof baseline`."""
+    parser.add_argument(
+        "source", metavar="SCENARIO|DIR", help="a scenario to run, or the folder of a campaign that was run"
+    )
+    parser.add_argument("--baseline", type=Path, metavar="FILE", help="default: NAME.baseline.json")
+    parser.add_argument("--episodes", type=integer(1, 100_000), default=200, metavar="N", help="bins (default 200)")
+    parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
+    parser.add_argument("--whole", action="store_true", help="run whole episodes, not their first attempts alone")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="results of the run; default: out/baseline-SCENARIO")
+    parser.add_argument("--resume", action="store_true", help="continue the run in --out")
+    add_change_arguments(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """`pickproof baseline SCENARIO|DIR`."""
+    if (Path(args.source) / FILE).is_file():
+        baseline = baseline_of(Path(args.source))
+    else:
+        baseline = _run(args)
+    path = write_baseline(args.baseline or Path(f"{baseline.name}.baseline.json"), baseline)
+    first = sum(o.first for o in baseline.outcomes)
+    print(f"wrote {path}: {len(baseline.rows)} episodes, {first} first attempts succeeded")
+    return 0
+
+
+def _run(args: argparse.Namespace) -> Baseline:
+    from scenarios.episode import run_episode
+    from scenarios.workcell import check_inputs
+
+    scenario = load_scenario(args.source, args.set)
+    oracle = frozenset(args.oracle)
+    check_inputs(scenario, oracle)
+    return run_baseline(
+        scenario,
+        measure="success" if args.whole else "first_attempt",
+        episodes=args.episodes,
+        seed=scenario.seed if args.seed is None else args.seed,
+        workers=args.workers,
+        oracle=oracle,
+        out=args.out or Path("out") / f"baseline-{scenario.name}",
+        runner=run_episode,
+        resume=args.resume,
+        command=f"pickproof {shlex.join(args.words)}",
+    )

@@ -137,7 +137,7 @@ def _run(args: argparse.Namespace) -> int:
         raise InputError("command line", "--seed", seed, f"at most {MAX_SEED} for the last episode")
     if args.resume and args.out is None:
         raise InputError("command line", "--resume", "no --out", "--out DIR with the results to continue")
-    out = args.out or _free(Path("out") / f"{scenario.name}-{seed}")
+    out = args.out or free_folder(Path("out") / f"{scenario.name}-{seed}")
     oracle = frozenset(args.oracle)
     check_inputs(scenario, oracle)
     console = Console(stderr=args.json)
@@ -235,7 +235,7 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _free(directory: Path) -> Path:
+def free_folder(directory: Path) -> Path:
     """`directory`, or the first of directory-2, directory-3, ... that does not exist."""
     candidate, n = directory, 1
     while candidate.exists():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -87,9 +86,9 @@ def compare(a: Path, b: Path) -> Comparison:
         metas = first.meta(), second.meta()
         changed = changed_fields(metas[0]["scenario"], metas[1]["scenario"])
         check_same_bins(changed, b)
-        known = outcomes(first), outcomes(second)
-        pairs = same_seeds(*known, b)
         records = first.attempts(), second.attempts()
+        known = outcomes(records[0], first.episodes()), outcomes(records[1], second.episodes())
+        pairs = same_seeds(*known, b)
     stop = [field for field in changed if field.startswith("stop.")]
     for key in ("oracle", "weights_hash", "versions"):
         if metas[0].get(key) != metas[1].get(key):

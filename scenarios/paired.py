@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cell.errors import InputError
-from scenarios.store import Store
+from scenarios.records import AttemptRecord, EpisodeRecord
 
 Measure = Literal["first_attempt", "success", "clearance"]
 MEASURES: tuple[Measure, ...] = ("first_attempt", "success", "clearance")
@@ -43,11 +43,11 @@ class Outcome:
         return self.picked / self.dropped if self.dropped else 1.0
 
 
-def outcomes(store: Store) -> list[Outcome]:
-    """Of the episodes that ended, in order of seed."""
-    ended = {e.seed: e for e in store.episodes()}
+def outcomes(attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRecord]) -> list[Outcome]:
+    """Of the episodes that ended."""
+    ended = {e.seed: e for e in episodes}
     counts = {seed: [0, 0, 0] for seed in ended}  # attempts, successes, whether the first succeeded
-    for a in store.attempts():
+    for a in attempts:
         if a.seed in counts:
             of_seed = counts[a.seed]
             of_seed[0] += a.moved

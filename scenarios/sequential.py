@@ -54,12 +54,8 @@ def evidence(differences: Array, mean: float) -> Array:
         mean: in (-1, 1].
     """
     shares = _SHARES / (1 + mean)  # no bet loses more than there is, even at a difference of -1
-    log = np.zeros((*np.shape(differences)[:-1], len(shares))) + np.log(_WEIGHTS)
-    steps = []
-    for x in np.moveaxis(np.asarray(differences, dtype=float), -1, 0):
-        log = log + np.log1p(shares * (x[..., None] - mean))
-        steps.append(logsumexp(log, axis=-1))
-    return np.stack(steps, -1) if steps else np.zeros(np.shape(differences))
+    steps = np.log1p(shares * (np.asarray(differences, dtype=float)[..., None] - mean))
+    return logsumexp(np.log(_WEIGHTS) + np.cumsum(steps, axis=-2), axis=-1)  # type: ignore[no-any-return]
 
 
 def decide(differences: Array, rule: Rule) -> tuple[Array, Array]:
@@ -71,6 +67,8 @@ def decide(differences: Array, rule: Rule) -> tuple[Array, Array]:
     Returns:
         (gates,) index into DECISIONS, and (gates,) episodes up to the decision, all of them where there is none.
     """
+    if not differences.shape[-1]:
+        return np.zeros(len(differences), dtype=int), np.zeros(len(differences), dtype=int)
     worse = evidence(-differences, 0.0) >= np.log(1 / rule.alpha)
     passed = evidence(differences, -rule.margin) >= np.log(1 / (1 - rule.power))
     ended = worse | passed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,6 +60,17 @@ class Baseline(Config):
     def measures(self) -> tuple[Measure, ...]:
         """What a gate can compare with it."""
         return MEASURES if self.whole else MEASURES[:1]
+
+
+@dataclass(frozen=True)
+class BaselineFile:
+    """A baseline by its path, read when it is needed."""
+
+    path: Path
+
+    def read(self) -> Baseline:
+        """The baseline in the file; raises as `read_baseline`."""
+        return read_baseline(self.path)
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -165,10 +177,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """`pickproof baseline SCENARIO|DIR`."""
-    if (Path(args.source) / FILE).is_file():
-        baseline = baseline_of(Path(args.source))
-    else:
-        baseline = _run(args)
+    folder = Path(args.source)
+    baseline = baseline_of(folder) if (folder / FILE).is_file() else _run(args)
     path = write_baseline(args.baseline or Path(f"{baseline.name}.baseline.json"), baseline)
     first = sum(o.first for o in baseline.outcomes)
     print(f"wrote {path}: {len(baseline.rows)} episodes, {first} first attempts succeeded")

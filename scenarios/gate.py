@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -113,7 +114,7 @@ def run_gate(
                 raise _DecidedError
 
     if pairs.decision()[0] == "undecided":
-        try:
+        with suppress(_DecidedError):
             run_campaign(
                 measured_as(scenario, measure).model_copy(update={"seed": expected[0].seed}),
                 episodes=len(expected),
@@ -128,8 +129,6 @@ def run_gate(
                 pictures=False,
                 on_event=on_event,
             )
-        except _DecidedError:
-            pass
     return pairs.result(changed)
 
 

@@ -25,8 +25,7 @@ def scenario(rate, *more):
 def baseline(tmp_path):
     """Of 400 first attempts at a rate of 0.95."""
     write_campaign(tmp_path / "a", scenario(0.95, "stop.attempt_limit=1"), range(400))
-    path = write_baseline(tmp_path / "bracket.json", baseline_of(tmp_path / "a"))
-    return path
+    return write_baseline(tmp_path / "bracket.json", baseline_of(tmp_path / "a"))
 
 
 def gate(rate, path, out, **options):

@@ -40,8 +40,15 @@ class Baseline(Config):
     versions: dict[str, str]
     whole: bool
     scenario: dict[str, Any]
-    columns: tuple[Literal["seed", "dropped", "picked", "attempts", "successes", "first"], ...] = COLUMNS
+    columns: tuple[str, ...] = COLUMNS
     rows: tuple[tuple[int, int, int, int, int, bool], ...] = Field(min_length=1)
+
+    @field_validator("columns")
+    @classmethod
+    def _known(cls, columns: tuple[str, ...]) -> tuple[str, ...]:
+        if columns != COLUMNS:
+            raise ValueError(f"columns are {', '.join(COLUMNS)}")
+        return columns
 
     @field_validator("rows")
     @classmethod

@@ -95,8 +95,9 @@ def compare(a: Path, b: Path) -> Comparison:
             changed.append(key)
     tried = all(any(o.attempts for o in side) for side in pairs)
     success = _difference(_counts(pairs[0]), _counts(pairs[1])) if tried and not stop else None
-    cleared = [([o.picked for o in side], [o.dropped for o in side]) for side in pairs]
-    clearance = _difference(*cleared) if not stop and sum(cleared[0][1]) else None
+    clearance = None
+    if not stop and any(o.dropped for o in pairs[0]):
+        clearance = _difference(_cleared(pairs[0]), _cleared(pairs[1]))
     firsts = _first_attempts(*pairs)
     basis: Difference = success or firsts
     low, high = basis.interval95
@@ -121,9 +122,13 @@ def _counts(side: Sequence[Outcome]) -> Counts:
     return [o.successes for o in side], [o.attempts for o in side]
 
 
+def _cleared(side: Sequence[Outcome]) -> Counts:
+    return [o.picked for o in side], [o.dropped for o in side]
+
+
 def _difference(a: Counts, b: Counts) -> Difference:
-    rates = [sum(s) / sum(m) for s, m in (a, b)]
-    return Difference(*rates, rates[1] - rates[0], difference_interval(a, b))
+    first, second = (sum(s) / sum(m) for s, m in (a, b))
+    return Difference(first, second, second - first, difference_interval(a, b))
 
 
 def _first_attempts(a: Sequence[Outcome], b: Sequence[Outcome]) -> FirstAttempts:

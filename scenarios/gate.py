@@ -22,7 +22,7 @@ from scenarios.paired import MEASURES, Measure, Outcome, changed_fields, check_s
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.scenario import Scenario, load_scenario, scenario_json, weights_hash
 from scenarios.sequential import DECISIONS, Decision, Rule, bounds, decide
-from scenarios.store import FILE, Store
+from scenarios.store import FILE, Store, versions
 from scenarios.summary import percent
 
 EXIT: dict[Decision, int] = {"passed": 0, "worse": 1, "undecided": 3}
@@ -39,7 +39,8 @@ class GateResult:
         episodes: paired episodes up to the decision.
         baseline, candidate: mean of the measure over them.
         bounds: of the difference, candidate minus baseline; they hold at every look with a chance of 1 - alpha.
-        changed: dotted fields in which the scenario differs from the baseline's.
+        changed: dotted fields in which the scenario differs from the baseline's, and `oracle`, `weights_hash`,
+            `versions` where those do.
     """
 
     decision: Decision
@@ -95,6 +96,9 @@ def run_gate(
         InputError: the baseline is not over the bins of this scenario, or does not hold the measure.
     """
     changed = check_gate(scenario, baseline, measure, file)
+    weights = "" if "perception" in oracle else weights_hash(scenario.workpiece)
+    now = {"oracle": sorted(oracle), "weights_hash": weights, "versions": versions()}
+    changed += [key for key, value in now.items() if getattr(baseline, key) != value]
     expected = baseline.outcomes[:max_episodes]
     pairs = _Pairs(expected, rule, measure, file)
     if resume:
@@ -123,7 +127,7 @@ def run_gate(
                 oracle=oracle,
                 out=out,
                 runner=runner,
-                weights_hash="" if "perception" in oracle else weights_hash(scenario.workpiece),
+                weights_hash=weights,
                 command=command,
                 resume=resume,
                 pictures=False,

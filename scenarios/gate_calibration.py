@@ -103,16 +103,16 @@ def draw_pair(
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Two systems in the same bins: a bin that is hard for one is as hard, by rank, for the other."""
     rank = rng.random(size)
-    sides = []
-    for rate in (first, second):
-        m = rng.integers(*PICKS, size)
-        spread = (1 - icc) / icc if icc else 0.0
-        chance = np.full(size, rate)
+
+    def side(rate: float) -> tuple[Array, Array]:
+        m, chance = rng.integers(*PICKS, size), np.full(size, rate)
         if icc:
+            spread = (1 - icc) / icc
             below = beta.cdf(expit(_LOGITS), rate * spread, (1 - rate) * spread)
             chance = expit(np.interp(rank, below, _LOGITS))
-        sides.append((rng.binomial(m, chance), m))
-    return sides[0], sides[1]
+        return np.asarray(rng.binomial(m, chance)), np.asarray(m)
+
+    return side(first), side(second)
 
 
 def coverage(bounds: Array, truth: float) -> float:

@@ -55,7 +55,7 @@ def evidence(differences: Array, mean: float) -> Array:
     """
     shares = _SHARES / (1 + mean)  # no bet loses more than there is, even at a difference of -1
     steps = np.log1p(shares * (np.asarray(differences, dtype=float)[..., None] - mean))
-    return logsumexp(np.log(_WEIGHTS) + np.cumsum(steps, axis=-2), axis=-1)  # type: ignore[no-any-return]
+    return np.asarray(logsumexp(np.log(_WEIGHTS) + np.cumsum(steps, axis=-2), axis=-1))
 
 
 def decide(differences: Array, rule: Rule) -> tuple[Array, Array]:

@@ -91,8 +91,8 @@ def _rate_edges(s: Array, m: Array) -> Array:
     effect = 1 + ((m**2).sum(1) / n - 1) * _ICC[-1]
     wide = [wilson(a / e, b / e, _WIDE) for a, b, e in zip(s.sum(1), n, effect, strict=True)]
     low, high = (min(w[0] for w in wide), max(w[1] for w in wide))
-    ends = logit([max(low, 1e-9), min(high, 1 - 1e-9)])
-    return expit(np.linspace(*ends, _RATES + 1))
+    first, last = logit([max(low, 1e-9), min(high, 1 - 1e-9)])
+    return np.asarray(expit(np.linspace(first, last, _RATES + 1)))
 
 
 def pair_interval(better: int, worse: int, n: int) -> tuple[float, float]:

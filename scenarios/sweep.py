@@ -120,13 +120,15 @@ def print_sweep(console: Console, axes: Sequence[Axis], rows: Sequence[dict[str,
     shown = [a.field for a in axes if len(a.values) > 1] or [axes[0].field]
     for field in shown:
         table.add_column(field, justify="right", no_wrap=True)
-    for column in ("pick success", "95 %", "attempts", "clearance", "no-picks", "most frequent failure"):
+    for column in ("pick success", "95 %", "attempts", "cleared", "no-picks", "first reason"):
         table.add_column(column, justify="right")
     for row in rows:
         s = row["summary"]
         worst = next((f"{r} {n}" for r, n in s["reasons"].items()), "none")
         rate = percent(s["success_rate"]), interval(s["cluster95"]), str(s["attempts"])
-        table.add_row(*(row["values"][field] for field in shown), *rate, percent(s["clearance"]), str(s["no_picks"]), worst)
+        table.add_row(
+            *(row["values"][field] for field in shown), *rate, percent(s["clearance"]), str(s["no_picks"]), worst
+        )
     console.print(table)
 
 
@@ -160,7 +162,7 @@ def plot_sweep(axes: Sequence[Axis], rows: Sequence[dict[str, Any]], path: Path)
     for panel in grid[len(panels) :]:
         panel.set_visible(False)
     grid[0].set_ylim(top=101)
-    grid[0].legend(fontsize=8, loc="lower left")
+    figure.legend(*grid[0].get_legend_handles_labels(), fontsize=8, loc="outside upper center", ncols=2)
     figure.supxlabel(along.field, fontsize=10)
     figure.supylabel("%", fontsize=10)
     figure.savefig(path, dpi=130)

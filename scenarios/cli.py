@@ -10,13 +10,20 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
 from cell.errors import InputError, PickproofError
+from scenarios.arguments import MAX_SEED, ORACLES
+from scenarios.arguments import integer as _integer
 
-ORACLES = ("perception",)
-MAX_SEED = 2**31 - 1
+_OWN = {  # commands whose module adds its arguments and has a `main`
+    "compare": "compare two campaigns over the same bins",
+    "baseline": "write a small JSON file that a gate compares with",
+    "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
+    "sweep": "run a scenario for every combination of values",
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -96,7 +103,9 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
-    benchmark = commands.add_parser("benchmark", help="perception against its peers; motion against its bound")
+    benchmark = commands.add_parser(
+        "benchmark", help="perception against its peers; motion against its bound; the error rates of a gate"
+    )
     fit_score = commands.add_parser("fit-score", help="calibrate a workpiece's score on validation scenes")
     if "train" in words[:1]:
         from perception.train import add_arguments as add_train_arguments
@@ -110,6 +119,10 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         from scenarios.benchmark_motion import add_arguments as add_motion_arguments
 
         add_motion_arguments(benchmark)
+    elif words[:2] == ["benchmark", "gate"]:
+        from scenarios.gate_calibration import add_arguments as add_calibration_arguments
+
+        add_calibration_arguments(benchmark)
     elif "benchmark" in words[:1]:
         from perception.benchmark import add_arguments as add_benchmark_arguments
 
@@ -122,6 +135,13 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     evaluate.set_defaults(command=_evaluate)
     benchmark.set_defaults(command=_benchmark)
     fit_score.set_defaults(command=_fit_score)
+
+    for name, text in _OWN.items():
+        own = commands.add_parser(name, help=text)
+        if name in words[:1]:
+            module = import_module(f"scenarios.{name}")
+            module.add_arguments(own)
+            own.set_defaults(command=module.main)
 
     listing = commands.add_parser("list", help="list scenarios and workpieces")
     listing.set_defaults(command=_list)
@@ -144,7 +164,7 @@ def _run(args: argparse.Namespace) -> int:
         raise InputError("command line", "--seed", seed, f"at most {MAX_SEED} for the last episode")
     if args.resume and args.out is None:
         raise InputError("command line", "--resume", "no --out", "--out DIR with the results to continue")
-    out = args.out or _free(Path("out") / f"{scenario.name}-{seed}")
+    out = args.out or free_folder(Path("out") / f"{scenario.name}-{seed}")
     oracle = frozenset(args.oracle)
     check_inputs(scenario, oracle)
     console = Console(stderr=args.json)
@@ -235,6 +255,10 @@ def _benchmark(args: argparse.Namespace) -> int:
         from scenarios.benchmark_motion import main_benchmark_motion
 
         return main_benchmark_motion(args)
+    if args.subject == "gate":
+        from scenarios.gate_calibration import main as main_calibration
+
+        return main_calibration(args)
     from perception.benchmark import main_benchmark
 
     return main_benchmark(args)
@@ -260,26 +284,13 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _free(directory: Path) -> Path:
+def free_folder(directory: Path) -> Path:
     """`directory`, or the first of directory-2, directory-3, ... that does not exist."""
     candidate, n = directory, 1
     while candidate.exists():
         n += 1
         candidate = directory.with_name(f"{directory.name}-{n}")
     return candidate
-
-
-def _integer(low: int, high: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r} is not valid; expected an integer from {low} to {high}")
-        return value
-
-    return parse
 
 
 def _version() -> str:

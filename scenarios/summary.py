@@ -18,9 +18,10 @@ from rich.table import Table
 from rich.text import Text
 
 from scenarios.campaign import Event
+from scenarios.files import write_json
 from scenarios.records import ENDS, AttemptRecord, EpisodeRecord, Reason
 from scenarios.statistics import cluster_interval, wilson
-from scenarios.store import Store, StoreError, record_hash
+from scenarios.store import Store, record_hash
 
 FILE = "summary.json"
 
@@ -81,13 +82,7 @@ def _mean_cycle(attempts: Sequence[AttemptRecord]) -> dict[str, float | None]:
 
 def write_summary(directory: Path, summary: dict[str, Any]) -> Path:
     """Write DIR/summary.json, whole or not at all."""
-    path, partial = directory / FILE, directory / (FILE + ".partial")
-    try:
-        partial.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written ({error.strerror})") from None
-    return path
+    return write_json(directory / FILE, summary)
 
 
 def percent(value: float | None, digits: int = 1) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cell.errors import PickproofError
-from scenarios.cli import _free, main
+from scenarios.cli import free_folder, main
 from scenarios.store import FILE, Store
 
 FAKE = [sys.executable, str(Path(__file__).with_name("fake_cli.py"))]
@@ -85,7 +85,7 @@ def test_run_leaves_summary_and_report(tmp_path):
     failures = summary["attempts"] - summary["successes"] + summary["no_picks"]
     assert sum(summary["reasons"].values()) == failures
     assert sum(summary["ends"].values()) == summary["episodes"] == 2
-    assert _free(out) == tmp_path / "out" / "bracket-0-2"
+    assert free_folder(out) == tmp_path / "out" / "bracket-0-2"
     assert main(["report", str(out)]) == 0
     with Store.read(out) as store:
         assert store.meta()["command"].startswith("pickproof run bracket --set count=6")

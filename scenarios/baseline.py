@@ -1,0 +1,213 @@
+"""`pickproof baseline`: what a system did in a row of bins, as a small JSON file to commit beside the code."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, field_validator
+
+from cell.config import Config, parse
+from cell.errors import InputError
+from scenarios.arguments import MAX_SEED, add_change_arguments, integer
+from scenarios.campaign import Runner, run_campaign
+from scenarios.files import write_whole
+from scenarios.paired import MEASURES, Measure, Outcome, outcomes
+from scenarios.scenario import Scenario, load_scenario, weights_hash
+from scenarios.store import FILE, Store
+
+COLUMNS = ("seed", "dropped", "picked", "attempts", "successes", "first")
+
+
+class Baseline(Config):
+    """What is kept of a campaign for comparison: no poses, no pictures, one line an episode.
+
+    Attributes:
+        whole: episodes were run to their end; otherwise only their first attempt.
+        scenario: the effective scenario, so that a gate can say what has changed.
+        rows: `COLUMNS` of each episode, at consecutive seeds.
+    """
+
+    format: Literal[1] = 1
+    name: str
+    scenario_hash: str
+    weights_hash: str
+    oracle: list[str]
+    versions: dict[str, str]
+    whole: bool
+    scenario: dict[str, Any]
+    columns: tuple[str, ...] = COLUMNS
+    rows: tuple[tuple[int, int, int, int, int, bool], ...] = Field(min_length=1)
+
+    @field_validator("columns")
+    @classmethod
+    def _known(cls, columns: tuple[str, ...]) -> tuple[str, ...]:
+        if columns != COLUMNS:
+            raise ValueError(f"columns are {', '.join(COLUMNS)}")
+        return columns
+
+    @field_validator("rows")
+    @classmethod
+    def _consecutive(cls, rows: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+        seeds = [row[0] for row in rows]
+        if seeds != list(range(seeds[0], seeds[0] + len(seeds))):
+            raise ValueError("seeds must be consecutive, in order")
+        return rows
+
+    @property
+    def outcomes(self) -> list[Outcome]:
+        """Of all episodes, in order of seed."""
+        return [Outcome(*row) for row in self.rows]
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """What a gate can compare with it."""
+        return MEASURES if self.whole else MEASURES[:1]
+
+
+@dataclass(frozen=True)
+class BaselineFile:
+    """A baseline by its path, read when it is needed."""
+
+    path: Path
+
+    def read(self) -> Baseline:
+        """The baseline in the file; raises as `read_baseline`."""
+        return read_baseline(self.path)
+
+
+def read_baseline(path: Path) -> Baseline:
+    """Read a baseline.
+
+    Raises:
+        InputError: it is missing, no JSON, or not what `pickproof baseline` writes.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "", "missing file", "a file that `pickproof baseline` wrote") from None
+    except (OSError, ValueError) as error:
+        raise InputError(path, "", str(error), "a JSON file that `pickproof baseline` wrote") from None
+    return parse(Baseline, data, path)
+
+
+def write_baseline(path: Path, baseline: Baseline) -> Path:
+    """Write it with one line an episode, so that a change of it reads well in a diff."""
+    head = baseline.model_dump(mode="json", exclude={"rows"})
+    rows = ",\n".join("  " + json.dumps([*row[:-1], int(row[-1])]) for row in baseline.rows)
+    text = json.dumps(head, indent=1, sort_keys=True).removesuffix("\n}") + f',\n "rows": [\n{rows}\n ]\n}}\n'
+    return write_whole(path, text)
+
+
+def baseline_of(directory: Path) -> Baseline:
+    """The baseline in a campaign's results: its finished episodes from the first seed on without a gap.
+
+    Raises:
+        InputError: no episode has ended.
+    """
+    with Store.read(directory) as store:
+        meta, found = store.meta(), outcomes(store.attempts(), store.episodes())
+    if not found:
+        raise InputError(directory / FILE, "episodes", "none that ended", "at least one")
+    first = found[0].seed
+    scenario = json.loads(meta["scenario"])
+    return Baseline(
+        name=scenario["name"],
+        scenario_hash=meta["scenario_hash"],
+        weights_hash=meta["weights_hash"],
+        oracle=meta["oracle"],
+        versions=meta["versions"],
+        whole=scenario["stop"]["attempt_limit"] > 1,
+        scenario=scenario,
+        rows=tuple(
+            (o.seed, o.dropped, o.picked, o.attempts, o.successes, o.first)
+            for i, o in enumerate(found)
+            if o.seed == first + i
+        ),
+    )
+
+
+def measured_as(scenario: Scenario, measure: Measure) -> Scenario:
+    """The scenario as it is run for a measure: for first attempts, an episode ends after its first image."""
+    if measure != "first_attempt":
+        return scenario
+    return scenario.model_copy(update={"stop": scenario.stop.model_copy(update={"attempt_limit": 1})})
+
+
+def run_baseline(
+    scenario: Scenario,
+    *,
+    measure: Measure,
+    episodes: int,
+    seed: int,
+    workers: int,
+    oracle: frozenset[str],
+    out: Path,
+    runner: Runner,
+    resume: bool = False,
+    command: str = "",
+) -> Baseline:
+    """Run the episodes and keep their results in `out` too."""
+    run_campaign(
+        measured_as(scenario, measure).model_copy(update={"seed": seed}),
+        episodes=episodes,
+        seed=seed,
+        workers=workers,
+        oracle=oracle,
+        out=out,
+        runner=runner,
+        weights_hash="" if "perception" in oracle else weights_hash(scenario.workpiece),
+        command=command,
+        resume=resume,
+        pictures=False,
+    )
+    return baseline_of(out)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `pickproof baseline`."""
+    parser.add_argument(
+        "source", metavar="SCENARIO|DIR", help="a scenario to run, or the folder of a campaign that was run"
+    )
+    parser.add_argument("--baseline", type=Path, metavar="FILE", help="default: NAME.baseline.json")
+    parser.add_argument("--episodes", type=integer(1, 100_000), default=200, metavar="N", help="bins (default 200)")
+    parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
+    parser.add_argument("--whole", action="store_true", help="run whole episodes, not their first attempts alone")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="results of the run; default: out/baseline-SCENARIO")
+    parser.add_argument("--resume", action="store_true", help="continue the run in --out")
+    add_change_arguments(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """`pickproof baseline SCENARIO|DIR`."""
+    folder = Path(args.source)
+    baseline = baseline_of(folder) if (folder / FILE).is_file() else _run(args)
+    path = write_baseline(args.baseline or Path(f"{baseline.name}.baseline.json"), baseline)
+    first = sum(o.first for o in baseline.outcomes)
+    print(f"wrote {path}: {len(baseline.rows)} episodes, {first} first attempts succeeded")
+    return 0
+
+
+def _run(args: argparse.Namespace) -> Baseline:
+    from scenarios.episode import run_episode
+    from scenarios.workcell import check_inputs
+
+    scenario = load_scenario(args.source, args.set)
+    oracle = frozenset(args.oracle)
+    check_inputs(scenario, oracle)
+    return run_baseline(
+        scenario,
+        measure="success" if args.whole else "first_attempt",
+        episodes=args.episodes,
+        seed=scenario.seed if args.seed is None else args.seed,
+        workers=args.workers,
+        oracle=oracle,
+        out=args.out or Path("out") / f"baseline-{scenario.name}",
+        runner=run_episode,
+        resume=args.resume,
+        command=f"pickproof {shlex.join(args.words)}",
+    )

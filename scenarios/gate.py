@@ -1,0 +1,270 @@
+"""`pickproof gate`: a system against its baseline, bin by bin, until the evidence decides; docs/statistics.md."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from cell.errors import InputError
+from cell.frames import Array
+from scenarios.arguments import add_scenario_arguments, fraction, integer
+from scenarios.baseline import Baseline, measured_as, read_baseline
+from scenarios.campaign import Event, Runner, run_campaign
+from scenarios.files import write_json, write_whole
+from scenarios.paired import MEASURES, Measure, Outcome, changed_fields, check_same_bins, outcomes, same_seeds
+from scenarios.records import AttemptRecord, EpisodeRecord
+from scenarios.scenario import Scenario, load_scenario, scenario_json, weights_hash
+from scenarios.sequential import DECISIONS, Decision, Rule, bounds, decide
+from scenarios.store import FILE, Store, versions
+from scenarios.summary import percent
+
+EXIT: dict[Decision, int] = {"passed": 0, "worse": 1, "undecided": 3}
+WORDS: dict[Measure, str] = {
+    "first_attempt": "success of first attempts", "success": "pick success", "clearance": "clearance"
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GateResult:
+    """What a gate found.
+
+    Attributes:
+        episodes: paired episodes up to the decision.
+        baseline, candidate: mean of the measure over them.
+        bounds: of the difference, candidate minus baseline; they hold at every look with a chance of 1 - alpha.
+        changed: dotted fields in which the scenario differs from the baseline's, and `oracle`, `weights_hash`,
+            `versions` where those do.
+    """
+
+    decision: Decision
+    measure: Measure
+    rule: Rule
+    episodes: int
+    baseline: float
+    candidate: float
+    bounds: tuple[float, float]
+    changed: list[str]
+
+    @property
+    def line(self) -> str:
+        """The verdict in one line."""
+        low, high = (f"{100 * b:+.1f}" for b in self.bounds)
+        return (
+            f"{self.decision}: {WORDS[self.measure]} {percent(self.baseline)} -> {percent(self.candidate)}, "
+            f"between {low} and {high} points, after {self.episodes} paired episodes "
+            f"(margin {100 * self.rule.margin:g} points, alpha {self.rule.alpha:g}, power {self.rule.power:g})"
+        )
+
+
+class _DecidedError(Exception):
+    """Leaves a campaign that needs no more episodes."""
+
+
+def run_gate(
+    scenario: Scenario,
+    baseline: Baseline,
+    *,
+    file: Path,
+    rule: Rule,
+    measure: Measure = "first_attempt",
+    max_episodes: int | None = None,
+    workers: int = 1,
+    oracle: frozenset[str],
+    out: Path,
+    runner: Runner,
+    resume: bool = False,
+    command: str = "",
+    on_episode: Callable[[int], None] = lambda n: None,
+) -> GateResult:
+    """Run the baseline's bins one after the other until the test decides or they are used up.
+
+    The episodes count in order of seed however they end, so the result does not depend on the number of workers.
+
+    Args:
+        file: the baseline's, for messages.
+        max_episodes: at most the baseline's.
+        on_episode: called with the number of episodes that count so far.
+
+    Raises:
+        InputError: the baseline is not over the bins of this scenario, or does not hold the measure.
+    """
+    changed = check_gate(scenario, baseline, measure, file)
+    weights = "" if "perception" in oracle else weights_hash(scenario.workpiece)
+    now = {"oracle": sorted(oracle), "weights_hash": weights, "versions": versions()}
+    changed += [key for key, value in now.items() if getattr(baseline, key) != value]
+    expected = baseline.outcomes[:max_episodes]
+    pairs = _Pairs(expected, rule, measure, file)
+    if resume:
+        with Store.read(out) as store:
+            pairs.add(store.attempts(), store.episodes())
+    attempts: dict[int, list[AttemptRecord]] = {}
+
+    def on_event(event: Event) -> None:
+        if event.attempt is not None:
+            attempts.setdefault(event.seed, []).append(event.attempt)
+        elif event.episode is None:  # it is run again
+            attempts.pop(event.seed, None)
+        else:
+            pairs.add(attempts.pop(event.seed, []), [event.episode])
+            on_episode(pairs.count)
+            if pairs.decision()[0] != "undecided":
+                raise _DecidedError
+
+    if pairs.decision()[0] == "undecided":
+        with suppress(_DecidedError):
+            run_campaign(
+                measured_as(scenario, measure).model_copy(update={"seed": expected[0].seed}),
+                episodes=len(expected),
+                seed=expected[0].seed,
+                workers=workers,
+                oracle=oracle,
+                out=out,
+                runner=runner,
+                weights_hash=weights,
+                command=command,
+                resume=resume,
+                pictures=False,
+                on_event=on_event,
+            )
+    return pairs.result(changed)
+
+
+def check_gate(scenario: Scenario, baseline: Baseline, measure: Measure, file: Path) -> list[str]:
+    """Fields that have changed since the baseline.
+
+    Raises:
+        InputError: the two cannot be compared.
+    """
+    changed = changed_fields(baseline.scenario, scenario_json(scenario))
+    check_same_bins(changed, file)
+    if measure not in baseline.measures:
+        raise InputError(file, "whole", False, f"a baseline of whole episodes (--whole) for --measure {measure}")
+    if measure == "first_attempt":
+        return [field for field in changed if field != "stop.attempt_limit"]
+    stop = [field for field in changed if field.startswith("stop.")]
+    if stop:
+        raise InputError(file, ", ".join(stop), "other values", "the same stop rule in both for whole episodes")
+    return changed
+
+
+class _Pairs:
+    """Episodes of baseline and candidate, counted in order of seed up to the first that has not ended."""
+
+    def __init__(self, expected: Sequence[Outcome], rule: Rule, measure: Measure, file: Path) -> None:
+        self._expected, self._rule, self._measure, self._file = expected, rule, measure, file
+        self._found: dict[int, Outcome] = {}
+        self.count = 0
+
+    def add(self, attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRecord]) -> None:
+        """Take note of episodes that ended."""
+        self._found.update((o.seed, o) for o in outcomes(attempts, episodes))
+        while self.count < len(self._expected) and self._expected[self.count].seed in self._found:
+            self.count += 1
+
+    def values(self) -> Array:
+        """(2, count) of the measure: baseline, candidate."""
+        if not self.count:
+            return np.zeros((2, 0))
+        sides = same_seeds(self._expected[: self.count], list(self._found.values()), self._file)
+        return np.array([[o.value(self._measure) for o in side] for side in sides])
+
+    def decision(self) -> tuple[Decision, int]:
+        """What the test says, and after how many episodes."""
+        values = self.values()
+        kinds, stops = decide((values[1] - values[0])[None], self._rule)
+        return DECISIONS[int(kinds[0])], int(stops[0])
+
+    def result(self, changed: list[str]) -> GateResult:
+        """All that is known at the decision."""
+        decision, used = self.decision()
+        a, b = self.values()[:, :used]
+        means = (float(a.mean()), float(b.mean())) if used else (0.0, 0.0)
+        return GateResult(decision, self._measure, self._rule, used, *means, bounds(b - a, self._rule.alpha), changed)
+
+
+def junit(result: GateResult, name: str) -> str:
+    """The result as JUnit XML: worse is a failure, undecided an error, so that no CI takes either for a pass."""
+    suite = ElementTree.Element(
+        "testsuite",
+        name="pickproof gate",
+        tests="1",
+        failures=str(int(result.decision == "worse")),
+        errors=str(int(result.decision == "undecided")),
+        skipped="0",
+    )
+    case = ElementTree.SubElement(suite, "testcase", classname="pickproof.gate", name=name)
+    if result.decision != "passed":
+        kind = "failure" if result.decision == "worse" else "error"
+        ElementTree.SubElement(
+            case, kind, message=result.line, type=result.decision
+        ).text = f"changed since the baseline: {', '.join(result.changed) or 'no field of the scenario'}"
+    ElementTree.SubElement(case, "system-out").text = result.line
+    root = ElementTree.Element("testsuites")
+    root.append(suite)
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `pickproof gate`."""
+    rule = Rule()
+    add_scenario_arguments(parser)
+    parser.add_argument("--baseline", type=Path, required=True, metavar="FILE", help="that `pickproof baseline` wrote")
+    parser.add_argument("--measure", choices=MEASURES, default=MEASURES[0], help="default: first_attempt")
+    parser.add_argument("--margin", type=fraction, default=rule.margin, help="loss that must not pass (default 0.02)")
+    parser.add_argument("--alpha", type=fraction, default=rule.alpha, help="chance of a false alarm (default 0.05)")
+    parser.add_argument(
+        "--power", type=fraction, default=rule.power, help="1 - chance to pass what lost the margin (default 0.9)"
+    )
+    parser.add_argument(
+        "--max-episodes", type=integer(1, 100_000), metavar="N", help="default: all that the baseline holds"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/gate-SCENARIO")
+    parser.add_argument("--resume", action="store_true", help="continue the gate in --out")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="write the result as JUnit XML")
+
+
+def main(args: argparse.Namespace) -> int:
+    """`pickproof gate SCENARIO --baseline FILE`: exit code 0 passed, 1 worse, 3 undecided."""
+    from rich.console import Console
+
+    from scenarios.cli import free_folder
+    from scenarios.episode import run_episode
+    from scenarios.workcell import check_inputs
+
+    scenario, baseline = load_scenario(args.scenario, args.set), read_baseline(args.baseline)
+    oracle = frozenset(args.oracle)
+    check_gate(scenario, baseline, args.measure, args.baseline)
+    check_inputs(scenario, oracle)
+    if args.resume and not (args.out and (args.out / FILE).is_file()):
+        raise InputError("command line", "--resume", str(args.out), "--out DIR with the results to continue")
+    with Console(stderr=True).status("no episode yet") as status:
+        result = run_gate(
+            scenario,
+            baseline,
+            file=args.baseline,
+            rule=Rule(args.margin, args.alpha, args.power),
+            measure=args.measure,
+            max_episodes=args.max_episodes,
+            workers=args.workers,
+            oracle=oracle,
+            out=args.out or free_folder(Path("out") / f"gate-{scenario.name}"),
+            runner=run_episode,
+            resume=args.resume,
+            command=f"pickproof {shlex.join(args.words)}",
+            on_episode=lambda n: status.update(f"{n} paired episodes"),
+        )
+    print(result.line)
+    if args.json:
+        write_json(args.json, {**asdict(result), "scenario": scenario.name, "exit_code": EXIT[result.decision]})
+    if args.junit:
+        write_whole(args.junit, junit(result, scenario.name))
+    return EXIT[result.decision]

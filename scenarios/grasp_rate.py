@@ -1,0 +1,108 @@
+"""A pick rate that a test can compare: `assert grasp_rate("bracket") >= baseline`; docs/statistics.md."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from scenarios.baseline import Baseline, BaselineFile, run_baseline, write_baseline
+from scenarios.gate import run_gate
+from scenarios.paired import Measure
+from scenarios.scenario import Scenario
+from scenarios.sequential import Rule
+from scenarios.statistics import cluster_interval, wilson
+from scenarios.summary import interval, percent
+
+EPISODES = 200
+
+
+class GraspRateWarning(UserWarning):
+    """A comparison that the episodes could not decide."""
+
+
+@dataclass
+class GraspRate:
+    """The rate of a scenario, measured when it is compared.
+
+    Attributes:
+        episodes: at most; None for all of the baseline, or 200.
+        strict: undecided counts as worse; otherwise it is a warning.
+        folder: for results, one sub-folder a comparison.
+    """
+
+    scenario: Scenario
+    folder: Path
+    episodes: int | None = None
+    workers: int = 1
+    oracle: frozenset[str] = frozenset()
+    measure: Measure = "first_attempt"
+    rule: Rule = field(default_factory=Rule)
+    strict: bool = False
+    _said: list[str] = field(default_factory=list)
+
+    def __ge__(self, other: object) -> bool:
+        """Against a baseline: not shown to be worse. Against a number: the 95 % interval does not lie below it."""
+        if isinstance(other, BaselineFile):
+            return self._not_worse(other)
+        if isinstance(other, int | float):
+            return self._reaches(float(other))
+        return NotImplemented
+
+    def __repr__(self) -> str:
+        return f"<grasp rate of {self.scenario.name}: {'; '.join(self._said) or 'not measured'}>"
+
+    def write(self, baseline: BaselineFile) -> None:
+        """Measure the rate as the new baseline."""
+        write_baseline(baseline.path, self._measured())
+
+    def _not_worse(self, baseline: BaselineFile) -> bool:
+        from scenarios.episode import run_episode
+
+        result = run_gate(
+            self.scenario,
+            baseline.read(),
+            file=baseline.path,
+            rule=self.rule,
+            measure=self.measure,
+            max_episodes=self.episodes,
+            workers=self.workers,
+            oracle=self.oracle,
+            out=self._out(),
+            runner=run_episode,
+        )
+        self._said.append(result.line)
+        if result.decision == "undecided" and not self.strict:
+            warnings.warn(GraspRateWarning(result.line), stacklevel=3)
+        return result.decision == "passed" or (result.decision == "undecided" and not self.strict)
+
+    def _reaches(self, rate: float) -> bool:
+        found = self._measured().outcomes
+        if self.measure == "first_attempt":
+            good, n = sum(o.first for o in found), len(found)
+            low, high = wilson(good, n)
+        else:
+            s, m = ([o.successes for o in found], [o.attempts for o in found])
+            if self.measure == "clearance":
+                s, m = ([o.picked for o in found], [o.dropped for o in found])
+            good, n = sum(s), sum(m)
+            low, high = cluster_interval(s, m)
+        self._said.append(f"{percent(good / n if n else None)}, {interval((low, high))}, {good} of {n}")
+        return high >= rate if not self.strict else low >= rate
+
+    def _measured(self) -> Baseline:
+        from scenarios.episode import run_episode
+
+        return run_baseline(
+            self.scenario,
+            measure=self.measure,
+            episodes=self.episodes or EPISODES,
+            seed=self.scenario.seed,
+            workers=self.workers,
+            oracle=self.oracle,
+            out=self._out(),
+            runner=run_episode,
+        )
+
+    def _out(self) -> Path:
+        return self.folder / f"comparison-{len(self._said)}"

@@ -26,9 +26,15 @@ def waypoints_of(robot: RobotModel, plan: PickPlan, T_flange_tool: Array, straig
     """
     approach, carry = plan.approach, plan.carry
     stops: list[tuple[Trajectory, list[tuple[int, bool]]]] = [
-        (approach, _free(approach, plan.cleared, _near_end(robot, approach, T_flange_tool, straight), plan.methods[0])),
-        (plan.lift, [(_near_start(robot, plan.lift, T_flange_tool, straight), True), (len(plan.lift.q) - 1, False)]),
-        (carry, _free(carry, 0, _near_end(robot, carry, T_flange_tool, straight), plan.methods[1])),
+        (
+            approach,
+            _free(approach, plan.cleared, before_end(robot, approach, T_flange_tool, straight), plan.methods[0]),
+        ),
+        (
+            plan.lift,
+            [(_first_beyond(robot, plan.lift.q, T_flange_tool, straight), True), (len(plan.lift.q) - 1, False)],
+        ),
+        (carry, _free(carry, 0, before_end(robot, carry, T_flange_tool, straight), plan.methods[1])),
     ]
     if len(plan.leave.q) > 1:
         stops.append((plan.leave, [(len(plan.leave.q) - 1, False)]))
@@ -53,12 +59,9 @@ def _free(trajectory: Trajectory, cleared: int, line: int, method: str) -> list[
     return [*points, (line, False), (len(trajectory.q) - 1, True)]
 
 
-def _near_end(robot: RobotModel, trajectory: Trajectory, T_flange_tool: Array, straight: float) -> int:
-    return len(trajectory.q) - 1 - _first_beyond(robot, trajectory.q[::-1], T_flange_tool, straight)
-
-
-def _near_start(robot: RobotModel, trajectory: Trajectory, T_flange_tool: Array, straight: float) -> int:
-    return _first_beyond(robot, trajectory.q, T_flange_tool, straight)
+def before_end(robot: RobotModel, trajectory: Trajectory, T_flange_tool: Array, distance: float) -> int:
+    """Index of the sample from which on the TCP is within `distance` [m] of where it ends."""
+    return len(trajectory.q) - 1 - _first_beyond(robot, trajectory.q[::-1], T_flange_tool, distance)
 
 
 def _first_beyond(robot: RobotModel, q: Array, T_flange_tool: Array, distance: float) -> int:

@@ -313,9 +313,11 @@ def move(
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        double, weighing = comes_up_double(cell, rng)
+        double, weighing = comes_up_double(cell, plan, rng)
         log += weighing
-        if double:
+        if log.stopped:
+            carried = ()
+        elif double:
             carried = ()
             log += put_back(cell, candidate, plan, opening)
         else:

@@ -133,7 +133,7 @@ class WristConfig(Config):
 
     noise_N: float = Field(default=0.05, ge=0, description="[N] standard deviation of a reading")
     seconds: float = Field(default=0.05, gt=0, le=1, description="[s] the arm stands still for it after the lift")
-    double_above: float = Field(default=1.5, gt=1, description="workpieces' weights from which a pick is put back")
+    double_above: float = Field(default=1.7, gt=1, description="workpieces' weights from which a pick is put back")
 
 
 class Scenario(Config):

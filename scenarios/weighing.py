@@ -6,21 +6,42 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cell.execute import MotionLog
+from cell.execute import MotionLog, execute
 from cell.world import GRAVITY
 from cell.wrist import weigh
+from robots.plan import PickPlan
+from robots.trajectory import joint_move
+from robots.waypoints import before_end
 
 if TYPE_CHECKING:
     from scenarios.workcell import Workcell
 
-FALL_TIME = 0.1  # [s] for the workpieces to leave the jaws
+RAISED = 0.06  # [m] over a place, clear of what lies there
+RAISING = 0.3  # share of the joints' limits
 
 
-def comes_up_double(cell: Workcell, rng: np.random.Generator) -> tuple[bool, MotionLog]:
-    """Whether what hangs on the arm, which stands still, weighs as much as several workpieces.
+def comes_up_double(cell: Workcell, plan: PickPlan, rng: np.random.Generator) -> tuple[bool, MotionLog]:
+    """Whether what hangs on the arm, which stands still over the place, weighs as much as several workpieces.
 
-    A measurement with the noise of the scenario's wrist sensor, from `rng`; no identities of workpieces enter.
+    What leans on the bin or on a neighbour there presses on the wrist too, so whatever seems too heavy is raised along
+    the way it came, weighed once more, and lowered again where it was not.
     """
+    heavy, log = _heavy(cell, rng)
+    if not heavy:
+        return False, log
+    limit = cell.scenario.limits.contact_force_N
+    high = before_end(cell.robot, plan.carry, cell.gripper.T_flange_tool, RAISED)
+    up = joint_move(cell.robot, plan.carry.q[-1], plan.carry.q[high], RAISING, cell.world.dt)
+    log += execute(cell.world, cell.arm, up.q, stop_above=limit)
+    heavy, weighing = _heavy(cell, rng)
+    log += weighing
+    if not log.stopped:
+        log += execute(cell.world, cell.arm, up.q[::-1], stop_above=limit)
+    return heavy, log
+
+
+def _heavy(cell: Workcell, rng: np.random.Generator) -> tuple[bool, MotionLog]:
+    """A measurement with the noise of the scenario's wrist sensor, from `rng`; no identities of workpieces enter."""
     wrist = cell.scenario.wrist
     mass, log = weigh(cell.world, cell.arm, wrist.seconds)
     mass += wrist.noise_N / GRAVITY * rng.standard_normal()

@@ -69,7 +69,8 @@ def test_json_is_the_same_as_in_one_process_and_resume_measures_nothing(
 ) -> None:
     """Two workers against this process; every second stays as it was where nothing is measured again."""
     words = ["benchmark", "perception", "bracket", "--frames", "2", "--workers", "2", "--json", "--out", "result"]
-    words += ["--methods", "ppf", "ppr_net"]
+    (here / "none").mkdir()
+    words += ["--methods", "ppf", "ppr_net", "--variants-folder", "none"]
     assert main(words) == 0
     out = capsys.readouterr()
     data = json.loads(out.out)
@@ -77,7 +78,7 @@ def test_json_is_the_same_as_in_one_process_and_resume_measures_nothing(
     assert {"command", "noise", "sensor", "workpieces", "ablations", "stages", "mean", "missing"} <= set(data)
     assert data["noise"] is True and data["ablations"] == {} and data["stages"] == {}
     (missing,) = data["missing"]
-    assert missing["rows"] == ["ppr_net"] and missing["file"].endswith("bracket/variants/ppr_net_pp.safetensors")
+    assert missing["rows"] == ["ppr_net"] and missing["file"] == "none/bracket/ppr_net_pp.safetensors"
     line = next(line for line in out.err.splitlines() if line.startswith("bracket: no ppr_net:"))
     assert missing["file"] in line and "`pickproof train bracket --variant ppr_net_pp`" in line
 

@@ -16,7 +16,7 @@ from cell.frames import Array, make_transform
 from cell.workpiece import Workpiece
 from perception.agreement import soft_score
 from perception.calibration import ScoreModel
-from perception.cluster import Categories, ClusterConfig, Modes, cluster, nearest_rotations
+from perception.cluster import Categories, ClusterConfig, Modes, cluster, merge, nearest_rotations, vote
 from perception.hypotheses import HypothesisConfig, best_of_each_place, distinct, find_places, propose
 from perception.icp import COARSE, FINE, LAST, register
 from perception.pose_estimate import PoseEstimate
@@ -94,6 +94,9 @@ def refine(
     votes = votes.finite()
     modes, categories = cluster(votes, shape, config.cluster)
     raw = _raw_estimates(categories, shape, len(votes))
+    if shape.slender:  # folded positions of neighbours on one line agree, so stage 2 joins them: every mode is a place
+        single = config.cluster.model_copy(update={"two_stage": False})
+        categories = vote(votes, modes, merge(modes, modes.positions, single), shape)
     clock.lap("cluster")
     with torch.no_grad():
         sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma

@@ -114,7 +114,7 @@ def summary(measured: list[Measured]) -> dict[str, Any]:
     motion, jaws, bound, stop = (
         np.array([getattr(m, name) for m in steady]) for name in ("motion_s", "jaws_s", "bound_s", "stop_s")
     )
-    cycle = motion + jaws
+    cycle, whole = motion + jaws, np.isfinite(stop)  # not every plan's lines can be travelled to their ends
     plan_ms = 1e3 * np.array([m.plan_s for m in measured])
     return {
         "picks": len(measured),
@@ -124,7 +124,7 @@ def summary(measured: list[Measured]) -> dict[str, Any]:
         "bound_s": float((bound + jaws).mean()),
         "cycle_over_bound": float(cycle.mean() / (bound + jaws).mean()),
         "motion_over_bound": float(motion.mean() / bound.mean()),
-        "stop_at_each_s": float((stop + jaws).mean()),
+        "stop_at_each_s": float((stop + jaws)[whole].mean()) if whole.any() else None,
         "ik_us": 1e6 * min(m.ik_s for m in measured),
         "collision_us": 1e6 * float(np.median([m.collision_s for m in measured])),
         "plan_ms": {"median": float(np.median(plan_ms)), "p99": float(np.quantile(plan_ms, 0.99))},
@@ -218,13 +218,13 @@ def _quickest(call: Callable[[], Any]) -> tuple[float, Any]:
 
 def _show(figures: dict[str, Any], scenario: Scenario) -> None:
     table = Table(title=f"motion: {figures['picks']} picks of {scenario.name}, {scenario.robot}", show_header=False)
-    cycle, plan = figures["cycle_s"], figures["plan_ms"]
+    cycle, plan, stopping = figures["cycle_s"], figures["plan_ms"], figures["stop_at_each_s"]
     rows = (
         ("robot time of a cycle", f"{cycle['mean']:.2f} s mean, {cycle['p95']:.2f} s p95"),
         ("  motion + jaws", f"{figures['motion_s']:.2f} s + {figures['jaws_s']:.2f} s"),
         ("lower bound of the cycle", f"{figures['bound_s']:.2f} s, ratio {figures['cycle_over_bound']:.2f}"),
         ("  of the motion alone", f"ratio {figures['motion_over_bound']:.2f}"),
-        ("stopping at every point", f"{figures['stop_at_each_s']:.2f} s"),
+        ("stopping at every point", "-" if stopping is None else f"{stopping:.2f} s"),
         ("inverse kinematics, all branches", f"{figures['ik_us']:.1f} us a pose"),
         ("collision check", f"{figures['collision_us']:.0f} us"),
         ("planning of a whole pick", f"{plan['median']:.0f} ms median, {plan['p99']:.0f} ms p99"),

@@ -9,7 +9,6 @@ from cell.errors import InputError
 from cell.jaw import JawConfig, ParallelJaw
 from cell.magnet import Magnet, MagnetConfig
 from cell.suction import VacuumConfig, VacuumGripper
-from cell.tool import BodyBox, Gripper, in_frame
 
 SHIPPED = Path(__file__).resolve().parent / "grippers"
 KINDS: dict[str, type[JawConfig] | type[VacuumConfig] | type[MagnetConfig]] = {
@@ -38,6 +37,3 @@ def load_gripper(name: str) -> ParallelJaw | VacuumGripper | Magnet:
     if kind not in KINDS:
         raise InputError(path, "kind", kind, f"one of: {', '.join(KINDS)}")
     return parse(KINDS[kind], data, path).build()
-
-
-__all__ = ["SHIPPED", "BodyBox", "Gripper", "in_frame", "list_grippers", "load_gripper"]

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from cell.holding import Hold
 from cell.pads import TOUCH, PadGripper, PadsConfig, Probe, disc
-from cell.tool import Positive, tcp
+from cell.tool import Positive
 
 FACE_RAYS = 120
 
@@ -31,8 +31,7 @@ class MagnetConfig(PadsConfig):
 
     def build(self) -> Magnet:
         """The gripper."""
-        own = {k: getattr(self, k) for k in type(self).model_fields if k not in ("kind", "flange_to_tcp", "body")}
-        return Magnet(body=tuple(self.body), T_flange_tool=tcp(self.flange_to_tcp), **own)
+        return Magnet(**self.fields())
 
 
 @dataclass(frozen=True, kw_only=True)

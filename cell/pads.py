@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -12,7 +14,7 @@ from cell.bin import Box
 from cell.frames import Array, make_transform
 from cell.holding import Hold
 from cell.pieces import CollisionCylinder
-from cell.tool import Gripper, Positive, ToolConfig, ToolLink
+from cell.tool import Gripper, Positive, ToolConfig, ToolLink, tcp
 
 SLIDE_SPEED = 1.0  # [m/s]
 TOUCH = 0.001  # [m] gap up to which a face touches; collision shapes stand off their CAD by less
@@ -50,6 +52,11 @@ class PadsConfig(ToolConfig):
     face_mass: Positive = Field(description="[kg] of all that slides")
     friction: float = Field(gt=0, le=2, description="between face and workpiece")
     switch_time: Positive = Field(description="[s] from switching on until it holds, and from off until it lets go")
+
+    def fields(self) -> dict[str, Any]:
+        """What the gripper of this file is made with."""
+        same = {k: getattr(self, k) for k in type(self).model_fields if k not in ("kind", "flange_to_tcp", "body")}
+        return same | {"body": tuple(self.body), "T_flange_tool": tcp(self.flange_to_tcp)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,9 +101,9 @@ class PadGripper(Gripper):
         """Force in [N] with which the faces press when they have given way by `travel` [m]."""
         return len(self.centres) * (self.preload + self.stiffness * max(travel, 0.0))
 
+    @abstractmethod
     def take(self, probe: Probe, magnetic: Callable[[int], bool]) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
         """Holds by workpiece, and for each face why it holds nothing (empty where it holds)."""
-        raise NotImplementedError
 
 
 def disc(radius: float, n: int) -> Array:

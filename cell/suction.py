@@ -17,7 +17,7 @@ from pydantic import Field
 from cell.frames import Array
 from cell.holding import Hold
 from cell.pads import TOUCH, PadGripper, PadsConfig, Probe, Surface, disc, ring
-from cell.tool import Positive, tcp
+from cell.tool import Positive
 
 RIM_RAYS, INNER_RAYS = 24, 40
 OUTSIDE = 0.0005  # [m] from the lip to the ring of rays around it
@@ -36,8 +36,7 @@ class VacuumConfig(PadsConfig):
 
     def build(self) -> VacuumGripper:
         """The gripper."""
-        own = {k: getattr(self, k) for k in type(self).model_fields if k not in ("kind", "flange_to_tcp", "body")}
-        return VacuumGripper(body=tuple(self.body), T_flange_tool=tcp(self.flange_to_tcp), **own)
+        return VacuumGripper(**self.fields())
 
 
 @dataclass(frozen=True, kw_only=True)

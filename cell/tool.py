@@ -6,6 +6,7 @@ of cups and magnets lies in the middle of the face that takes the workpiece.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -67,7 +68,7 @@ class ToolLink:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gripper:
+class Gripper(ABC):
     """What all kinds of grippers have in common.
 
     Boxes are returned in the tool frame: their `T_world_box` is then T_tool_box. `in_frame` moves them elsewhere. The
@@ -98,13 +99,13 @@ class Gripper:
         to_tool = np.linalg.inv(self.T_flange_tool)
         return [Box(b.name, b.size, to_tool @ make_transform(t=b.centre)) for b in self.body]
 
+    @abstractmethod
     def finger_boxes(self, opening: float) -> list[Box]:
         """Boxes around what may touch a workpiece, when the pads are `opening` [m] apart."""
-        raise NotImplementedError
 
+    @abstractmethod
     def links(self) -> tuple[ToolLink, ...]:
         """What may touch a workpiece, as the physics sees it."""
-        raise NotImplementedError
 
     def boxes(self, opening: float) -> list[Box]:
         """Body and fingers."""

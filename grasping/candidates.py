@@ -9,8 +9,8 @@ import numpy as np
 
 from cell.bin import Bin, Box
 from cell.frames import Array, make_transform
-from cell.gripper import Gripper
 from cell.jaw import ParallelJaw
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper, covered_share, thin, without_workpiece
 from grasping.grasp_points import GraspPoint, GraspPoses

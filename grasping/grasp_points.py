@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 from cell.config import Config, load
 from cell.errors import InputError
 from cell.frames import Array, about_axis, make_transform
-from cell.gripper import Gripper
 from cell.jaw import ParallelJaw
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 
 Triple = tuple[float, float, float]

@@ -14,8 +14,8 @@ import numpy as np
 
 from cell.errors import InputError
 from cell.frames import Array, about_axis, apply, invert, make_transform
-from cell.gripper import Gripper
 from cell.jaw import ParallelJaw
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
 

@@ -116,14 +116,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def command_line(args: argparse.Namespace) -> str:
-    """The command that gives these arguments, defaults left out."""
+    """The command that gives these arguments, defaults and the output folder left out."""
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     defaults = parser.parse_args([args.workpiece])
     words = ["pickproof", "train", args.workpiece]
     for name, default in vars(defaults).items():
         value = getattr(args, name)
-        if value != default:
+        if value != default and name != "out":
             words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
     return shlex.join(words)
 

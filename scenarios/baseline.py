@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,10 +15,10 @@ from pydantic import Field, field_validator
 from cell.config import Config, parse
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_change_arguments, integer
-from scenarios.campaign import Runner, run_campaign
+from scenarios.campaign import Event, Runner, run_campaign
 from scenarios.files import write_whole
 from scenarios.paired import MEASURES, Measure, Outcome, outcomes
-from scenarios.scenario import Scenario, load_scenario, weights_hash
+from scenarios.scenario import Scenario, load_scenario, weights_used
 from scenarios.store import FILE, Store
 
 COLUMNS = ("seed", "dropped", "picked", "attempts", "successes", "first")
@@ -138,34 +139,47 @@ def measured_as(scenario: Scenario, measure: Measure) -> Scenario:
     return scenario.model_copy(update={"stop": scenario.stop.model_copy(update={"attempt_limit": 1})})
 
 
-def run_baseline(
-    scenario: Scenario,
-    *,
-    measure: Measure,
-    episodes: int,
-    seed: int,
-    workers: int,
-    oracle: frozenset[str],
-    out: Path,
-    runner: Runner,
-    resume: bool = False,
-    command: str = "",
-) -> Baseline:
-    """Run the episodes and keep their results in `out` too."""
-    run_campaign(
-        measured_as(scenario, measure).model_copy(update={"seed": seed}),
-        episodes=episodes,
-        seed=seed,
-        workers=workers,
-        oracle=oracle,
-        out=out,
-        runner=runner,
-        weights_hash="" if "perception" in oracle else weights_hash(scenario.workpiece),
-        command=command,
-        resume=resume,
-        pictures=False,
-    )
-    return baseline_of(out)
+@dataclass(frozen=True)
+class Execution:
+    """How episodes are run.
+
+    Attributes:
+        out: folder of their results; resume: continue those it holds.
+        runner: runs one episode, in `workers` processes.
+        oracle: stages replaced by ground truth.
+        command: the command line, for the record.
+    """
+
+    out: Path
+    runner: Runner
+    workers: int = 1
+    oracle: frozenset[str] = frozenset()
+    resume: bool = False
+    command: str = ""
+
+    def run(
+        self,
+        scenario: Scenario,
+        measure: Measure,
+        seed: int,
+        episodes: int,
+        on_event: Callable[[Event], None] = lambda event: None,
+    ) -> None:
+        """Run the episodes from `seed` on as far as a measure needs them."""
+        run_campaign(
+            measured_as(scenario, measure).model_copy(update={"seed": seed}),
+            episodes=episodes,
+            seed=seed,
+            weights_hash=weights_used(scenario, self.oracle),
+            pictures=False,
+            on_event=on_event,
+            out=self.out,
+            runner=self.runner,
+            workers=self.workers,
+            oracle=self.oracle,
+            resume=self.resume,
+            command=self.command,
+        )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -199,15 +213,8 @@ def _run(args: argparse.Namespace) -> Baseline:
     scenario = load_scenario(args.source, args.set)
     oracle = frozenset(args.oracle)
     check_inputs(scenario, oracle)
-    return run_baseline(
-        scenario,
-        measure="success" if args.whole else "first_attempt",
-        episodes=args.episodes,
-        seed=scenario.seed if args.seed is None else args.seed,
-        workers=args.workers,
-        oracle=oracle,
-        out=args.out or Path("out") / f"baseline-{scenario.name}",
-        runner=run_episode,
-        resume=args.resume,
-        command=f"pickproof {shlex.join(args.words)}",
-    )
+    out = args.out or Path("out") / f"baseline-{scenario.name}"
+    how = Execution(out, run_episode, args.workers, oracle, args.resume, f"pickproof {shlex.join(args.words)}")
+    seed = scenario.seed if args.seed is None else args.seed
+    how.run(scenario, "success" if args.whole else "first_attempt", seed, args.episodes)
+    return baseline_of(out)

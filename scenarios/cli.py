@@ -15,10 +15,13 @@ from pathlib import Path
 from typing import NoReturn
 
 from cell.errors import InputError, PickproofError
-from scenarios.arguments import MAX_SEED, ORACLES
-from scenarios.arguments import integer as _integer
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from scenarios.files import free_folder
 
-_OWN = {  # commands whose module adds its arguments and has a `main`
+_OWN = {  # commands whose module (dashes are underscores) adds its arguments and has a `main`
+    "explain": "why one attempt did what it did: estimates, grasps, verdicts",
+    "export-program": "the motion of one attempt as a Fanuc TP program (.LS)",
+    "grasps": "check, propose, import and export the grasp points of a workpiece",
     "compare": "compare two campaigns over the same bins",
     "baseline": "write a small JSON file that a gate compares with",
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
@@ -60,18 +63,11 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="run episodes of a scenario and write DIR/results.sqlite and summary.json")
-    run.add_argument("scenario", metavar="SCENARIO", help="a name that `pickproof list` shows, or a YAML file")
-    run.add_argument("--episodes", type=_integer(1, 1_000_000), default=10, metavar="N", help="bin fills (default 10)")
-    run.add_argument("--seed", type=_integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    run.add_argument("--workers", type=_integer(1, 256), default=1, metavar="K", help="processes (default 1)")
-    run.add_argument(
-        "--oracle", choices=ORACLES, action="append", default=[], help="replace this stage by ground truth"
-    )
+    add_scenario_arguments(run)
+    run.add_argument("--episodes", type=integer(1, 1_000_000), default=10, metavar="N", help="bin fills (default 10)")
+    run.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
     run.add_argument("--out", type=Path, metavar="DIR", help="default: out/SCENARIO-SEED")
     run.add_argument("--resume", action="store_true", help="continue the campaign in --out")
-    run.add_argument(
-        "--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field, as camera.width=1280"
-    )
     run.add_argument("--no-pictures", action="store_true", help="keep no pictures of attempts")
     run.add_argument("--json", action="store_true", help="print the summary as JSON; progress goes to stderr")
     run.set_defaults(command=_run)
@@ -79,27 +75,6 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     report = commands.add_parser("report", help="write DIR/report.html from the results in DIR")
     report.add_argument("directory", type=Path, metavar="DIR")
     report.set_defaults(command=_report)
-
-    explain = commands.add_parser("explain", help="why one attempt did what it did: estimates, grasps, verdicts")
-    if "explain" in words[:1]:
-        from scenarios.explain import add_arguments as add_explain_arguments
-
-        add_explain_arguments(explain)
-    explain.set_defaults(command=_explain)
-
-    program = commands.add_parser("export-program", help="the motion of one attempt as a Fanuc TP program (.LS)")
-    if "export-program" in words[:1]:
-        from scenarios.export_program import add_arguments as add_program_arguments
-
-        add_program_arguments(program)
-    program.set_defaults(command=_export_program)
-
-    grasps = commands.add_parser("grasps", help="check, propose, import and export the grasp points of a workpiece")
-    if "grasps" in words[:1]:
-        from scenarios.grasps_cli import add_arguments as add_grasps_arguments
-
-        add_grasps_arguments(grasps)
-    grasps.set_defaults(command=_grasps)
 
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
@@ -139,7 +114,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     for name, text in _OWN.items():
         own = commands.add_parser(name, help=text)
         if name in words[:1]:
-            module = import_module(f"scenarios.{name}")
+            module = import_module(f"scenarios.{name.replace('-', '_')}")
             module.add_arguments(own)
             own.set_defaults(command=module.main)
 
@@ -153,7 +128,7 @@ def _run(args: argparse.Namespace) -> int:
 
     from scenarios.campaign import run_campaign
     from scenarios.episode import run_episode
-    from scenarios.scenario import load_scenario, weights_hash
+    from scenarios.scenario import load_scenario, weights_used
     from scenarios.store import Store
     from scenarios.summary import FILE, LiveView, print_summary, summarise, write_summary
     from scenarios.workcell import check_inputs
@@ -188,7 +163,7 @@ def _run(args: argparse.Namespace) -> int:
                 oracle=oracle,
                 out=out,
                 runner=run_episode,
-                weights_hash="" if "perception" in oracle else weights_hash(scenario.workpiece),
+                weights_hash=weights_used(scenario, oracle),
                 command=f"pickproof {shlex.join(args.words)}",
                 resume=args.resume,
                 pictures=not args.no_pictures,
@@ -218,24 +193,6 @@ def _report(args: argparse.Namespace) -> int:
 
     print(f"wrote {write_report(args.directory)}")
     return 0
-
-
-def _export_program(args: argparse.Namespace) -> int:
-    from scenarios.export_program import main_export_program
-
-    return main_export_program(args)
-
-
-def _explain(args: argparse.Namespace) -> int:
-    from scenarios.explain import main_explain
-
-    return main_explain(args)
-
-
-def _grasps(args: argparse.Namespace) -> int:
-    from scenarios.grasps_cli import main_grasps
-
-    return main_grasps(args)
 
 
 def _train(args: argparse.Namespace) -> int:
@@ -282,15 +239,6 @@ def _list(args: argparse.Namespace) -> int:
     for name in list_workpieces():
         print(f"  {name}")
     return 0
-
-
-def free_folder(directory: Path) -> Path:
-    """`directory`, or the first of directory-2, directory-3, ... that does not exist."""
-    candidate, n = directory, 1
-    while candidate.exists():
-        n += 1
-        candidate = directory.with_name(f"{directory.name}-{n}")
-    return candidate
 
 
 def _version() -> str:

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the tree as JSON")
 
 
-def main_explain(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     with Store.read(args.directory) as store:
         attempt = nth_attempt(store.attempts(), args.attempt)

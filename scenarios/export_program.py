@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=None, help="file (default DIR/NAME.LS)")
 
 
-def main_export_program(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     if args.output < 1:
         raise InputError("command line", "--output", args.output, "1 or more")

@@ -1,4 +1,4 @@
-"""Small files that are written whole or not at all."""
+"""Small files that are written whole or not at all, and folders that are free."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from scenarios.store import StoreError
+from cell.errors import PickproofError
+
+
+class StoreError(PickproofError):
+    """Results cannot be read or written (locked, disk full, damaged)."""
 
 
 def write_whole(path: Path, text: str) -> Path:
@@ -28,3 +32,12 @@ def write_whole(path: Path, text: str) -> Path:
 def write_json(path: Path, document: Any) -> Path:
     """Write a document as indented JSON, whole or not at all."""
     return write_whole(path, json.dumps(document, indent=2) + "\n")
+
+
+def free_folder(directory: Path) -> Path:
+    """`directory`, or the first of directory-2, directory-3, ... that does not exist."""
+    candidate, n = directory, 1
+    while candidate.exists():
+        n += 1
+        candidate = directory.with_name(f"{directory.name}-{n}")
+    return candidate

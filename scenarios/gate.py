@@ -15,12 +15,12 @@ import numpy as np
 from cell.errors import InputError
 from cell.frames import Array
 from scenarios.arguments import add_scenario_arguments, fraction, integer
-from scenarios.baseline import Baseline, measured_as, read_baseline
-from scenarios.campaign import Event, Runner, run_campaign
-from scenarios.files import write_json, write_whole
+from scenarios.baseline import Baseline, Execution, read_baseline
+from scenarios.campaign import Event
+from scenarios.files import free_folder, write_json, write_whole
 from scenarios.paired import MEASURES, Measure, Outcome, changed_fields, check_same_bins, outcomes, same_seeds
 from scenarios.records import AttemptRecord, EpisodeRecord
-from scenarios.scenario import Scenario, load_scenario, scenario_json, weights_hash
+from scenarios.scenario import Scenario, load_scenario, scenario_json, weights_used
 from scenarios.sequential import DECISIONS, Decision, Rule, bounds, decide
 from scenarios.store import FILE, Store, versions
 from scenarios.summary import percent
@@ -73,14 +73,9 @@ def run_gate(
     *,
     file: Path,
     rule: Rule,
+    how: Execution,
     measure: Measure = "first_attempt",
     max_episodes: int | None = None,
-    workers: int = 1,
-    oracle: frozenset[str],
-    out: Path,
-    runner: Runner,
-    resume: bool = False,
-    command: str = "",
     on_episode: Callable[[int], None] = lambda n: None,
 ) -> GateResult:
     """Run the baseline's bins one after the other until the test decides or they are used up.
@@ -96,13 +91,13 @@ def run_gate(
         InputError: the baseline is not over the bins of this scenario, or does not hold the measure.
     """
     changed = check_gate(scenario, baseline, measure, file)
-    weights = "" if "perception" in oracle else weights_hash(scenario.workpiece)
-    now = {"oracle": sorted(oracle), "weights_hash": weights, "versions": versions()}
+    weights = weights_used(scenario, how.oracle)
+    now = {"oracle": sorted(how.oracle), "weights_hash": weights, "versions": versions()}
     changed += [key for key, value in now.items() if getattr(baseline, key) != value]
     expected = baseline.outcomes[:max_episodes]
     pairs = _Pairs(expected, rule, measure, file)
-    if resume:
-        with Store.read(out) as store:
+    if how.resume:
+        with Store.read(how.out) as store:
             pairs.add(store.attempts(), store.episodes())
     attempts: dict[int, list[AttemptRecord]] = {}
 
@@ -119,20 +114,7 @@ def run_gate(
 
     if pairs.decision()[0] == "undecided":
         with suppress(_DecidedError):
-            run_campaign(
-                measured_as(scenario, measure).model_copy(update={"seed": expected[0].seed}),
-                episodes=len(expected),
-                seed=expected[0].seed,
-                workers=workers,
-                oracle=oracle,
-                out=out,
-                runner=runner,
-                weights_hash=weights,
-                command=command,
-                resume=resume,
-                pictures=False,
-                on_event=on_event,
-            )
+            how.run(scenario, measure, expected[0].seed, len(expected), on_event)
     return pairs.result(changed)
 
 
@@ -236,7 +218,6 @@ def main(args: argparse.Namespace) -> int:
     """`pickproof gate SCENARIO --baseline FILE`: exit code 0 passed, 1 worse, 3 undecided."""
     from rich.console import Console
 
-    from scenarios.cli import free_folder
     from scenarios.episode import run_episode
     from scenarios.workcell import check_inputs
 
@@ -246,20 +227,16 @@ def main(args: argparse.Namespace) -> int:
     check_inputs(scenario, oracle)
     if args.resume and not (args.out and (args.out / FILE).is_file()):
         raise InputError("command line", "--resume", str(args.out), "--out DIR with the results to continue")
+    out = args.out or free_folder(Path("out") / f"gate-{scenario.name}")
     with Console(stderr=True).status("no episode yet") as status:
         result = run_gate(
             scenario,
             baseline,
             file=args.baseline,
             rule=Rule(args.margin, args.alpha, args.power),
+            how=Execution(out, run_episode, args.workers, oracle, args.resume, f"pickproof {shlex.join(args.words)}"),
             measure=args.measure,
             max_episodes=args.max_episodes,
-            workers=args.workers,
-            oracle=oracle,
-            out=args.out or free_folder(Path("out") / f"gate-{scenario.name}"),
-            runner=run_episode,
-            resume=args.resume,
-            command=f"pickproof {shlex.join(args.words)}",
             on_episode=lambda n: status.update(f"{n} paired episodes"),
         )
     print(result.line)

@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from cell.frames import Array
-from cell.gripper import Gripper
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.candidates import GraspCandidate, select
 from grasping.grasp_points import GraspPoint, expand

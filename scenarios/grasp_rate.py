@@ -6,7 +6,7 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from scenarios.baseline import Baseline, BaselineFile, run_baseline, write_baseline
+from scenarios.baseline import Baseline, BaselineFile, Execution, baseline_of, write_baseline
 from scenarios.gate import run_gate
 from scenarios.paired import Measure
 from scenarios.scenario import Scenario
@@ -57,19 +57,14 @@ class GraspRate:
         write_baseline(baseline.path, self._measured())
 
     def _not_worse(self, baseline: BaselineFile) -> bool:
-        from scenarios.episode import run_episode
-
         result = run_gate(
             self.scenario,
             baseline.read(),
             file=baseline.path,
             rule=self.rule,
+            how=self._how(),
             measure=self.measure,
             max_episodes=self.episodes,
-            workers=self.workers,
-            oracle=self.oracle,
-            out=self._out(),
-            runner=run_episode,
         )
         self._said.append(result.line)
         if result.decision == "undecided" and not self.strict:
@@ -91,18 +86,11 @@ class GraspRate:
         return high >= rate if not self.strict else low >= rate
 
     def _measured(self) -> Baseline:
+        how = self._how()
+        how.run(self.scenario, self.measure, self.scenario.seed, self.episodes or EPISODES)
+        return baseline_of(how.out)
+
+    def _how(self) -> Execution:
         from scenarios.episode import run_episode
 
-        return run_baseline(
-            self.scenario,
-            measure=self.measure,
-            episodes=self.episodes or EPISODES,
-            seed=self.scenario.seed,
-            workers=self.workers,
-            oracle=self.oracle,
-            out=self._out(),
-            runner=run_episode,
-        )
-
-    def _out(self) -> Path:
-        return self.folder / f"comparison-{len(self._said)}"
+        return Execution(self.folder / f"comparison-{len(self._said)}", run_episode, self.workers, self.oracle)

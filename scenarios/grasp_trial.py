@@ -18,7 +18,7 @@ from cell.arm import Arm
 from cell.bin import Bin, table
 from cell.execute import close_jaws, execute, held_parts
 from cell.frames import Array, about_axis, invert, make_transform, rotation_angle
-from cell.gripper import Gripper
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from cell.world import World
 

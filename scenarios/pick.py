@@ -15,8 +15,8 @@ from cell.camera import DepthFrame
 from cell.execute import execute, wait
 from cell.frames import Array, invert, to_quat_xyzw
 from cell.grip import grip, held, release
-from cell.gripper import in_frame
 from cell.observe import Snapshot
+from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
 from grasping.clearance import OpenGripper
 from robots.collision import CollisionScene

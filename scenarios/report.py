@@ -12,9 +12,10 @@ from typing import Any
 from cell.page import page_template, png_uri
 from grasping.verdict import CHOSEN, Verdict
 from grasping.verdict import MEANING as VERDICTS
+from scenarios.files import StoreError
 from scenarios.records import NO_PICK_REASONS, AttemptRecord, Reason
 from scenarios.statistics import wilson
-from scenarios.store import Store, StoreError
+from scenarios.store import Store
 from scenarios.summary import interval, percent, seconds, summarise
 from scenarios.tree import verdict_counts
 

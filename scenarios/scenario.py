@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -215,6 +215,11 @@ def weights_hash(workpiece: str) -> str:
     for file in files:
         digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def weights_used(scenario: Scenario, oracle: Collection[str]) -> str:
+    """`weights_hash` of a scenario's workpiece; empty where ground truth stands in for perception."""
+    return "" if "perception" in oracle else weights_hash(scenario.workpiece)
 
 
 def _find(name_or_path: str) -> Path:

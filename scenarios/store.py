@@ -16,6 +16,7 @@ from platform import python_version
 from typing import Any
 
 from cell.errors import InputError, PickproofError
+from scenarios.files import StoreError
 from scenarios.records import AttemptRecord, EpisodeRecord
 
 FILE = "results.sqlite"
@@ -42,10 +43,6 @@ CREATE TABLE pictures (
 _ATTEMPT_COLUMNS = [f.name for f in fields(AttemptRecord) if f.name != "pictures"]
 _JSON_COLUMNS = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints")
 _EPISODE_COLUMNS = [f.name for f in fields(EpisodeRecord)]
-
-
-class StoreError(PickproofError):
-    """The results file cannot be read or written (locked, disk full, damaged)."""
 
 
 def versions() -> dict[str, str]:

@@ -20,7 +20,7 @@ from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
 from scenarios.campaign import Runner, run_campaign
 from scenarios.files import write_json
-from scenarios.scenario import Scenario, load_scenario, scenario_hash, weights_hash
+from scenarios.scenario import Scenario, load_scenario, scenario_hash, weights_used
 from scenarios.store import FILE, Store
 from scenarios.summary import interval, percent, summarise, write_summary
 
@@ -103,7 +103,7 @@ def run_point(
         oracle=oracle,
         out=point.folder,
         runner=runner,
-        weights_hash="" if "perception" in oracle else weights_hash(point.scenario.workpiece),
+        weights_hash=weights_used(point.scenario, oracle),
         command=command,
         resume=(point.folder / FILE).is_file(),
         pictures=False,

@@ -10,10 +10,11 @@ from cell.arm import Arm
 from cell.bin import Bin, Box
 from cell.camera import DepthFrame, render
 from cell.errors import SimulationError
-from cell.gripper import Gripper, load_gripper
+from cell.gripper import load_gripper
 from cell.observe import Snapshot, observe
 from cell.sensor import measure
 from cell.settle import fill_bin
+from cell.tool import Gripper
 from cell.workpiece import Workpiece, load_workpiece
 from cell.world import World
 from grasping.grasp_points import GraspPoses, load_grasps

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from cell.gripper import Gripper, load_gripper
+from cell.gripper import load_gripper
+from cell.tool import Gripper
 from cell.workpiece import Workpiece, load_workpiece
 from cell.world import World
 

@@ -11,8 +11,9 @@ import yaml
 
 from cell.errors import InputError
 from cell.frames import make_transform
-from cell.gripper import SHIPPED, Gripper, in_frame, list_grippers, load_gripper
+from cell.gripper import SHIPPED, list_grippers, load_gripper
 from cell.jaw import FINGERS
+from cell.tool import Gripper, in_frame
 from cell.urdf import merged_urdf
 
 URDF = """<robot name="stick"><link name="base"/><link name="arm"/><link name="tool0"/>

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from cell.bin import Bin
-from cell.gripper import Gripper, load_gripper
+from cell.gripper import load_gripper
+from cell.tool import Gripper
 from cell.workpiece import Workpiece, load_workpiece
 from grasping.grasp_points import GraspPoses, load_grasps
 

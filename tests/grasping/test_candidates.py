@@ -8,7 +8,7 @@ import pytest
 
 from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform, random_rotations
-from cell.gripper import Gripper
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.candidates import PER_ESTIMATE, Selection, select
 from grasping.clearance import OpenGripper, without_workpiece

@@ -7,7 +7,7 @@ import pytest
 
 from cell.bin import Bin, Box
 from cell.frames import Array, about_axis, apply, invert, make_transform, random_rotations
-from cell.gripper import Gripper
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import POINT_MARGIN, WALL_MARGIN, OpenGripper, thin, without_workpiece
 

@@ -11,8 +11,8 @@ import yaml
 
 from cell.errors import InputError
 from cell.frames import Array, about_axis, apply, invert
-from cell.gripper import Gripper
 from cell.symmetry import Symmetry
+from cell.tool import Gripper
 from cell.workpiece import Workpiece, list_workpieces, load_workpiece
 from grasping.grasp_points import OPENING_MARGIN, GraspPoint, GraspPoses, Slide, Turn, expand, load_grasps, opening
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cell.frames import apply, invert
-from cell.gripper import Gripper
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import expand, opening
 from grasping.sample import propose

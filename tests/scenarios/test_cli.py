@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from cell.errors import PickproofError
-from scenarios.cli import free_folder, main
+from scenarios.cli import main
+from scenarios.files import free_folder
 from scenarios.store import FILE, Store
 
 FAKE = [sys.executable, str(Path(__file__).with_name("fake_cli.py"))]

@@ -8,7 +8,7 @@ import pytest
 from planted_episode import run_episode, write_campaign
 
 from cell.errors import InputError
-from scenarios.baseline import baseline_of, read_baseline, write_baseline
+from scenarios.baseline import Execution, baseline_of, read_baseline, write_baseline
 from scenarios.cli import main
 from scenarios.gate import junit, run_gate
 from scenarios.scenario import load_scenario
@@ -28,9 +28,9 @@ def baseline(tmp_path):
     return write_baseline(tmp_path / "bracket.json", baseline_of(tmp_path / "a"))
 
 
-def gate(rate, path, out, **options):
-    settings = {"rule": Rule(), "workers": 1, "oracle": frozenset(), "out": out, "runner": run_episode} | options
-    return run_gate(scenario(rate), read_baseline(path), file=path, **settings)
+def gate(rate, path, out, workers=1, resume=False, **options):
+    how = Execution(out, run_episode, workers, resume=resume)
+    return run_gate(scenario(rate), read_baseline(path), file=path, rule=Rule(), how=how, **options)
 
 
 def test_baseline_comes_back_and_is_small(baseline, tmp_path):
@@ -75,8 +75,8 @@ def test_what_cannot_be_compared_is_refused(baseline, tmp_path):
         gate(0.95, baseline, tmp_path / "out", measure="success")
     with pytest.raises(InputError, match=r"count: .* same bins"):
         run_gate(
-            load_scenario("bracket"), read_baseline(baseline), file=baseline, rule=Rule(), oracle=frozenset(),
-            out=tmp_path / "out", runner=run_episode,
+            load_scenario("bracket"), read_baseline(baseline), file=baseline, rule=Rule(),
+            how=Execution(tmp_path / "out", run_episode),
         )  # fmt: skip
     assert not (tmp_path / "out").exists()
 

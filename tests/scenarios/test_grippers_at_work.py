@@ -12,9 +12,10 @@ from cell.bin import Bin, Box, table
 from cell.execute import MotionLog, execute, wait
 from cell.frames import Array, from_rpy, invert, make_transform
 from cell.grip import grip, held, release
-from cell.gripper import Gripper, in_frame, load_gripper
+from cell.gripper import load_gripper
 from cell.magnet import Magnet
 from cell.observe import observe
+from cell.tool import Gripper, in_frame
 from cell.workpiece import Workpiece
 from cell.world import World
 from robots.collision import CollisionScene

@@ -6,8 +6,9 @@ import pytest
 from fake_episode import fake_attempt
 
 from cell.errors import InputError
+from scenarios.files import StoreError
 from scenarios.records import EpisodeRecord
-from scenarios.store import FILE, SCHEMA_VERSION, Store, StoreError, record_hash
+from scenarios.store import FILE, SCHEMA_VERSION, Store, record_hash
 
 META = {"seed": 0, "oracle": []}
 

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
 
 
-def main_grasps(args: argparse.Namespace) -> int:
+def main(args: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     run: Callable[[argparse.Namespace], int] = args.run
     return run(args)

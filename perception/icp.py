@@ -1,9 +1,10 @@
-"""Registration of many hypotheses at once: measured points against the distance field of the CAD.
+"""Registration of many hypotheses at once: measured points against the CAD.
 
 Scene points are drawn through the image: the precomputed points that a pose shows the camera are projected, and what
-was measured at their pixels is carried into the CAD frame, where field and gradient give distance and normal of the
-nearest surface. That is point-to-plane ICP (Chen and Medioni 1992) without a search tree, so the association costs
-one gather a point.
+was measured at their pixels is carried into the CAD frame. That is point-to-plane ICP (Chen and Medioni 1992) without
+a search tree, so the association costs one gather a point. Far from the answer a measured point belongs to the plane of
+the CAD point that was projected (projective association, Blais and Levine 1995): the nearest surface of a thin wall is
+soon its other side. Near the answer the distance field gives distance and normal of the nearest surface.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class IcpStage:
             where `in_sigmas`.
         iterations: Gauss-Newton steps.
         points: scene points a hypothesis.
-        halo: draw half of them from a band around the outline too, so that a part lying flat is pulled sideways.
+        projective: measured points belong to the CAD points at their pixels, not to the nearest surface.
         rim: half width in units of the search for the part's edge across its outline; 0 for none.
         by_votes: weigh points by whether the vote nearest to them predicted this part.
     """
@@ -34,21 +35,24 @@ class IcpStage:
     threshold: float
     iterations: int
     points: int
-    halo: bool = False
+    projective: bool = False
     in_sigmas: bool = False
     by_votes: bool = False
     rim: float = 0.0
 
 
 COARSE = (
-    IcpStage(0.12, 2, 128, halo=True, by_votes=True, rim=0.12),
-    IcpStage(0.06, 2, 128, halo=True, by_votes=True, rim=0.12),
+    IcpStage(0.12, 2, 128, projective=True, by_votes=True, rim=0.12),
+    IcpStage(0.06, 2, 128, projective=True, by_votes=True, rim=0.12),
 )
-FINE = (IcpStage(0.05, 3, 192, halo=True, by_votes=True, rim=0.08), IcpStage(0.03, 3, 192, rim=0.05))
+FINE = (
+    IcpStage(0.05, 3, 192, projective=True, by_votes=True, rim=0.08),
+    IcpStage(0.03, 3, 192, projective=True, rim=0.05),
+)
 LAST = (
-    IcpStage(0.02, 2, 384),
-    IcpStage(6.0, 2, 384, in_sigmas=True, rim=0.025),
-    IcpStage(5.0, 2, 384, in_sigmas=True),
+    IcpStage(0.02, 1, 256),
+    IcpStage(6.0, 2, 256, in_sigmas=True, rim=0.025),
+    IcpStage(5.0, 1, 384, in_sigmas=True),
 )
 RIM_STEPS = 15
 RIM_COARSE, RIM_STRIDE_COARSE = 0.1, 2
@@ -60,7 +64,7 @@ SLENDER_ITERATIONS = 3
 """Factor of the iterations for slender parts, whose thresholds are tighter."""
 VOTE_REACH, VOTE_FLOOR = 0.25, 0.05
 MIN_FACING = 0.4
-"""Least cosine between the measured normal and the gradient of the field."""
+"""Least cosine between the measured normal and that of the CAD."""
 
 
 def register(
@@ -80,12 +84,16 @@ def _step(
     R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage: IcpStage, threshold: float
 ) -> tuple[Tensor, Tensor]:
     view = shape.view_of(R, t)
-    drawn = _draw(shape, view, stage)
+    drawn = shape.visible[:, : stage.points].index_select(0, view)
     pixels, inside = scene.pixels_of(torch.baddbmm(t[:, None], drawn, R.transpose(1, 2)))
     rows = scene.at(pixels)
     measured = rows[..., :3]
     points = torch.bmm(measured - t[:, None], R)  # R^T (s - t), one row a point
-    distance, gradient = shape.field.look_up(points)
+    if stage.projective:
+        gradient = shape.visible_normals[:, : stage.points].index_select(0, view)
+        distance = ((points - drawn) * gradient).sum(-1)
+    else:
+        distance, gradient = shape.field.look_up(points)
     facing = (torch.bmm(rows[..., 3:6], R) * gradient).sum(-1)
     # Tukey's weight: an occluder or the floor one threshold away has no say
     weight = (1.0 - (distance / threshold).square()).clamp_(min=0.0).square_()
@@ -151,15 +159,6 @@ def _rim_terms(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage
     jacobian = torch.cat([torch.linalg.cross(rim, outward), outward], -1)
     weighted = jacobian * weight[..., None]
     return torch.bmm(weighted.transpose(1, 2), jacobian), torch.bmm(weighted.transpose(1, 2), offset[..., None])
-
-
-def _draw(shape: ShapeModel, view: Tensor, stage: IcpStage) -> Tensor:
-    if not stage.halo:
-        return shape.visible[:, : stage.points].index_select(0, view)
-    half = stage.points // 2
-    return torch.cat(
-        [shape.visible[:, :half].index_select(0, view), shape.halo[:, half : 2 * half].index_select(0, view)], 1
-    )
 
 
 def _exp(w: Tensor) -> Tensor:

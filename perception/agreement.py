@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
+import numpy as np
 import torch
 from torch import Tensor
 
+from perception.point_loops import distance_at, pixel_of, turned, turned_back
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 
@@ -65,16 +68,47 @@ def facing_camera(R: Tensor, t: Tensor, a: Agreement, shape: ShapeModel) -> Tens
     return -away > 0.1 * a.drawn[..., 2]
 
 
-def soft_score(
-    R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, count: int, tolerance: float, chunk: int = 512
-) -> Tensor:
-    """Score (h,) of poses at a coarse tolerance in units, for ranking: agreement less half of what was seen through."""
-    scores = []
-    for first in range(0, len(R), chunk):
-        part = slice(first, first + chunk)
-        a = compare(R[part], t[part], scene, shape, count)
-        near = (1.0 - (a.distance / tolerance).square()).clamp_(min=0.0)
-        agree = near * torch.where(a.known_normal, a.facing.clamp(min=0.0), 0.5) * a.measured
-        seen_through = ((a.gap - tolerance) / tolerance).clamp_(0.0, 1.0)
-        scores.append((agree - 0.7 * seen_through).mean(1))
-    return torch.cat(scores) if scores else torch.zeros(0)
+def soft_score(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, count: int, tolerance: float) -> Tensor:
+    """Score (h,) of poses at a coarse tolerance in units, for ranking: agreement less 0.7 of what was seen through."""
+    R, t = R.contiguous(), t.contiguous()
+    poses = R.numpy(), t.numpy(), shape.view_of(R, t).numpy()
+    scores = _soft_scores(
+        *poses, shape.visible.numpy(), count, scene.table.numpy(), scene.camera, np.float32(tolerance),
+        *shape.field.arrays,
+    )  # fmt: skip
+    return torch.from_numpy(scores)
+
+
+@numba.njit(cache=True)
+def _soft_scores(  # type: ignore[no-untyped-def]
+    R, t, view, visible, count, table, camera, tolerance, field, field_origin, field_step, field_shape
+):
+    """The loop of `soft_score`: as `compare`, point by point."""
+    scores = np.zeros(len(R), np.float32)
+    for i in range(len(R)):
+        tx, ty, tz = t[i]
+        total = np.float32(0.0)
+        for k in range(count):
+            px, py, pz = visible[view[i], k]
+            x, y, z = turned(R, i, px, py, pz)
+            depth = z + tz
+            pixel = pixel_of(camera, x + tx, y + ty, depth)
+            if pixel < 0:
+                continue
+            if table[pixel, 6] > 0:
+                through = (table[pixel, 6] - depth - tolerance) / tolerance
+                total -= np.float32(0.7) * min(max(through, np.float32(0.0)), np.float32(1.0))
+            if table[pixel, 2] <= 0:
+                continue
+            qx, qy, qz = turned_back(R, i, table[pixel, 0] - tx, table[pixel, 1] - ty, table[pixel, 2] - tz)
+            distance, gx, gy, gz = distance_at(field, field_origin, field_step, field_shape, qx, qy, qz)
+            near = np.float32(1.0) - (distance / tolerance) ** 2
+            if near <= 0:
+                continue
+            facing = np.float32(0.5)
+            if table[pixel, 5] != 0:
+                nx, ny, nz = turned_back(R, i, table[pixel, 3], table[pixel, 4], table[pixel, 5])
+                facing = max(nx * gx + ny * gy + nz * gz, np.float32(0.0))
+            total += near * facing
+        scores[i] = total / count
+    return scores

@@ -6,6 +6,7 @@ is continued as a plane, which is exact wherever the nearest surface is flat and
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,11 @@ class DistanceField:
     origin: Tensor
     step: float
     shape: tuple[int, int, int]
+
+    @functools.cached_property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.float32, np.ndarray]:
+        """The field as arrays: table, origin, step, shape (int64)."""
+        return self.table.numpy(), self.origin.numpy(), np.float32(self.step), np.array(self.shape)
 
     def look_up(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distance (...) and gradient (..., 3) at normalised CAD points (..., 3)."""

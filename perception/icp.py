@@ -9,11 +9,13 @@ soon its other side. Near the answer the distance field gives distance and norma
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from perception.normal_equations import rim_terms, surface_terms
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 
@@ -63,6 +65,8 @@ RIM_WEIGHT = 0.3
 SLENDER_ITERATIONS = 3
 """Factor of the iterations for slender parts, whose thresholds are tighter."""
 VOTE_REACH, VOTE_FLOOR = 0.25, 0.05
+DAMPING = np.array([3e-3, 3e-3, 3e-3, 1e-2, 1e-2, 1e-2], np.float32)
+"""Of turn and shift, for a weight of 20 points."""
 MIN_FACING = 0.4
 """Least cosine between the measured normal and that of the CAD."""
 
@@ -71,6 +75,7 @@ def register(
     R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stages: tuple[IcpStage, ...]
 ) -> tuple[Tensor, Tensor]:
     """Refine poses R (h, 3, 3), t (h, 3) in units; poses that see nothing stay where they are."""
+    R, t = R.contiguous(), t.contiguous()
     for stage in stages:
         fine = shape.fineness
         least = 0.006 * fine
@@ -83,82 +88,50 @@ def register(
 def _step(
     R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage: IcpStage, threshold: float
 ) -> tuple[Tensor, Tensor]:
-    view = shape.view_of(R, t)
-    drawn = shape.visible[:, : stage.points].index_select(0, view)
-    pixels, inside = scene.pixels_of(torch.baddbmm(t[:, None], drawn, R.transpose(1, 2)))
-    rows = scene.at(pixels)
-    measured = rows[..., :3]
-    points = torch.bmm(measured - t[:, None], R)  # R^T (s - t), one row a point
-    if stage.projective:
-        gradient = shape.visible_normals[:, : stage.points].index_select(0, view)
-        distance = ((points - drawn) * gradient).sum(-1)
-    else:
-        distance, gradient = shape.field.look_up(points)
-    facing = (torch.bmm(rows[..., 3:6], R) * gradient).sum(-1)
+    """One Gauss-Newton step: d(distance) / d(twist) in the CAD frame is -(w x y + v) for a turn w and a shift v."""
+    poses = R.numpy(), t.numpy(), shape.view_of(R, t).numpy()
+    camera = scene.camera
+    membership = (
+        scene.nearest_vote.numpy(),
+        scene.centres.numpy() if stage.by_votes else np.zeros((0, 3), np.float32),
+        np.float32(VOTE_REACH),
+        np.float32(VOTE_FLOOR),
+        *shape.elongation,
+    )
     # Tukey's weight: an occluder or the floor one threshold away has no say
-    weight = (1.0 - (distance / threshold).square()).clamp_(min=0.0).square_()
-    weight = weight * (inside & (measured[..., 2] > 0) & (facing > MIN_FACING))
-    if stage.by_votes:
-        weight = weight * scene.membership(pixels, shape, R, t, VOTE_REACH, VOTE_FLOOR)
-    # d(distance) / d(twist) in the CAD frame: a turn w and a shift v of the part move the point by -(w x y + v)
-    jacobian = torch.cat([torch.linalg.cross(points, gradient), gradient], -1)
-    weighted = jacobian * weight[..., None]
-    hessian = torch.bmm(weighted.transpose(1, 2), jacobian)
-    slope = torch.bmm(weighted.transpose(1, 2), distance[..., None])
+    hessian, slope = surface_terms(
+        *poses, shape.visible.numpy(), shape.visible_normals.numpy(), stage.points, scene.table.numpy(), camera,
+        np.float32(threshold), np.float32(MIN_FACING), stage.projective, *shape.field.arrays, *membership,
+    )  # fmt: skip
     if stage.rim > 0:
-        hessian_rim, slope_rim = _rim_terms(R, t, scene, shape, replace(stage, rim=stage.rim * shape.fineness))
-        hessian, slope = hessian + hessian_rim, slope + slope_rim
-    damping = torch.tensor([3e-3, 3e-3, 3e-3, 1e-2, 1e-2, 1e-2]) * stage.points * 0.05 + 1e-4
-    twist = torch.linalg.solve(hessian + torch.diag(damping), slope)[..., 0]
+        of_rim = _rim_terms(poses, scene, shape, stage)
+        hessian, slope = hessian + of_rim[0], slope + of_rim[1]
+    damping = np.diag(DAMPING * stage.points * 0.05 + 1e-4)
+    twist = torch.linalg.solve(torch.from_numpy(hessian + damping), torch.from_numpy(slope))
     limit = 2.0 * threshold
     twist = twist * (limit / twist.abs().amax(1, keepdim=True).clamp(min=limit))
     turn = _exp(twist[:, :3])
     return R @ turn, t + (R @ twist[:, 3:, None])[..., 0]
 
 
-def _rim_terms(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage: IcpStage) -> tuple[Tensor, Tensor]:
-    """Normal equations (h, 6, 6), (h, 6, 1) of the outline: move it to where the measured depth drops.
+def _rim_terms(
+    poses: tuple[np.ndarray, np.ndarray, np.ndarray], scene: SurfaceMap, shape: ShapeModel, stage: IcpStage
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations (h, 6, 6), (h, 6) of the outline: move it to where the measured depth drops.
 
     Point-to-plane distances leave a part that lies flat free to slide. Across each outline point the depth image is
     read from inside outward; the edge is where the last measurement at the outline's depth is followed by one behind
     it. Where something in front comes between, or the surface goes on, there is no edge to be seen. (Edge search along
     normals: Harris and Stennett, RAPID, 1990.)
     """
-    view = shape.view_of(R, t)
-    stride = RIM_STRIDE_COARSE if stage.rim > RIM_COARSE else 1
-    rim, outward = shape.rim[:, ::stride].index_select(0, view), shape.rim_outward[:, ::stride].index_select(0, view)
-    Rt = R.transpose(1, 2)
-    points, direction = torch.baddbmm(t[:, None], rim, Rt), torch.bmm(outward, Rt)
-    s = torch.linspace(-stage.rim, stage.rim, RIM_STEPS)
-    samples = points[:, :, None] + s[:, None] * direction[:, :, None]
-    pixels, inside = scene.pixels_of(samples)
-    z = scene.depth.index_select(0, pixels.reshape(-1)).reshape(pixels.shape)
-    drop = z - points[..., 2:]
-    known = inside & (z > 0)
-    step = RIM_DROP * shape.thickness
-    index = torch.arange(RIM_STEPS, dtype=torch.int32).expand(drop.shape)
-    nothing = torch.tensor(-1, dtype=torch.int32)
-    behind = known & (drop > step)
-    last_on = torch.where(known & (drop.abs() <= step), index, nothing).cummax(-1).values
-    last_front = torch.where(known & (drop < -step), index, nothing).cummax(-1).values
-    last_behind = torch.where(behind, index, nothing).cummax(-1).values
-    before = torch.cat([nothing.expand(*drop.shape[:-1], 1), last_behind[..., :-1]], -1)
-    edge = behind & (last_on >= 0) & (last_on > before) & (last_on > last_front)
-    # pixels at a step go missing on both of its sides, so the edge is in the middle of a narrow gap; a wide one is the
-    # projector's shadow, which lies behind the edge
-    spacing = 2.0 * stage.rim / (RIM_STEPS - 1)
-    pixel = points[..., 2:] / scene.intrinsics.fx
-    half_gap = 0.5 * spacing * (index - last_on)
-    position = s[last_on.clamp(min=0).long()] + torch.where(half_gap < 2.0 * pixel, half_gap, pixel) + 0.25 * pixel
-    distance, which = torch.where(edge, position.abs(), 1e3).min(-1)
-    offset = position.gather(-1, which[..., None])[..., 0]
-    # an edge is found to one step of the search; less than that is no reason to move
-    offset = offset.sign() * (offset.abs() - spacing).clamp_(min=0.0)
-    weight = (1.0 - (distance / (1.2 * stage.rim)).square()).clamp_(min=0.0).square_()
-    weight = weight * (RIM_WEIGHT * stage.points / rim.shape[1])
-    jacobian = torch.cat([torch.linalg.cross(rim, outward), outward], -1)
-    weighted = jacobian * weight[..., None]
-    return torch.bmm(weighted.transpose(1, 2), jacobian), torch.bmm(weighted.transpose(1, 2), offset[..., None])
+    half_width = stage.rim * shape.fineness
+    stride = RIM_STRIDE_COARSE if half_width > RIM_COARSE else 1
+    drop, strength = np.float32(RIM_DROP * shape.thickness), np.float32(RIM_WEIGHT * stage.points)
+    outline = shape.rim.numpy(), shape.rim_outward.numpy(), stride
+    found: tuple[np.ndarray, np.ndarray] = rim_terms(
+        *poses, *outline, np.float32(half_width), RIM_STEPS, drop, strength, scene.depth.numpy(), scene.camera
+    )
+    return found
 
 
 def _exp(w: Tensor) -> Tensor:

@@ -98,7 +98,7 @@ def refine(
         single = config.cluster.model_copy(update={"two_stage": False})
         categories = vote(votes, modes, merge(modes, modes.positions, single), shape)
     clock.lap("cluster")
-    with torch.no_grad():
+    with torch.inference_mode():
         sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma
         scene = SurfaceMap.of(frame, shape.unit, sigma, roi)
         clock.lap("surface")
@@ -112,8 +112,9 @@ def refine(
             nothing = Modes.none(len(left)), Categories.none()
             again = _search(left, votes, *nothing, scene, shape, config, config.hypotheses_second, score_model, clock)
             if len(again):
+                rivals = np.concatenate([standing, len(claims) + np.arange(len(again))])
                 claims = claims.join(again)
-                standing = settle(claims, scene, shape, config.verify)
+                standing = rivals[settle(claims.select(rivals), scene, shape, config.verify)]
                 winners = accepted(claims, standing, config.verify, score_model.threshold)
             clock.lap("verify")
     features = claims.evidence.features(inlier_tolerance(scene, config.verify))

@@ -99,6 +99,12 @@ class ShapeModel:
         """Factor of the lengths within which surfaces are sought: below 1 for a slender part, which is thin besides."""
         return min(1.0, self.thickness / THIN) if self.slender else 1.0
 
+    @functools.cached_property
+    def elongation(self) -> tuple[np.ndarray, np.float32]:
+        """Long axis (3,), and what the square of an offset along it loses: 1 - 1 / length^2 of it, 0 unless slender."""
+        less = 1 - 1 / self.length**2 if self.slender else 0.0
+        return self.long_axis.astype(np.float32), np.float32(less)
+
     def fold(self, positions: Array, R: Array, origin: Array) -> Array:
         """Positions (n, 3) with what lies along the long axis of R (n, 3, 3), from `origin`, divided by its length.
 

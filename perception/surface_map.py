@@ -6,6 +6,7 @@ gives the exact normal of a flat surface with a few separable filters.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import cv2
@@ -15,7 +16,6 @@ from torch import Tensor
 
 from cell.camera import DepthFrame, Intrinsics
 from perception.cloud import ray_slopes
-from perception.shape_model import ShapeModel
 
 WINDOW = 2
 """Half width of the window of the plane fit in [pixel]."""
@@ -75,20 +75,11 @@ class SurfaceMap:
         nearest = torch.from_numpy(vote_of_label[flat])
         return replace(self, nearest_vote=nearest, centres=torch.from_numpy(centres.astype(np.float32)))
 
-    def membership(self, pixels: Tensor, shape: ShapeModel, R: Tensor, t: Tensor, reach: float, floor: float) -> Tensor:
-        """Weight (h, p) of pixels (h, p) for poses R (h, 3, 3), t (h, 3): 1 where the nearest vote's centre is
-        at t; along a slender part it may be farther."""
-        if len(self.centres) == 0:
-            return torch.ones(pixels.shape)
-        votes = self.nearest_vote.index_select(0, pixels.reshape(-1))
-        centre = self.centres.index_select(0, votes).reshape(*pixels.shape, 3)
-        offset = centre - t[:, None]
-        square = offset.square().sum(-1)
-        if shape.slender:
-            along = (offset @ (R @ torch.from_numpy(shape.long_axis).float())[..., None])[..., 0].square()
-            square = square - along * (1 - 1 / shape.length**2)
-        square = square / (reach * reach)
-        return (1.5 - square).clamp_(floor, 1.0)
+    @functools.cached_property
+    def camera(self) -> np.ndarray:
+        """fx, fy, cx, cy, width, height (6,) in float32."""
+        K = self.intrinsics
+        return np.array([K.fx, K.fy, K.cx, K.cy, K.width, K.height], np.float32)
 
     def pixels_of(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Flat pixel index (...) of camera points (..., 3), and whether they fall into the image."""

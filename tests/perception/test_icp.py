@@ -8,8 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from cell.frames import rotation_angle
 from cell.workpiece import load_workpiece
+from perception.agreement import compare, soft_score
 from perception.distance_field import DistanceField
-from perception.icp import COARSE, FINE, LAST, _exp, register
+from perception.icp import COARSE, FINE, LAST, MIN_FACING, _exp, register
+from perception.normal_equations import rim_terms, surface_terms
 from perception.shape_model import ShapeModel
 from perception.surface_map import SurfaceMap
 from tests.perception import artificial
@@ -106,3 +108,69 @@ def test_normals_of_the_map_are_those_of_the_surface():
     table = surface.table.numpy().reshape(480, 640, 8)
     floor = table[200:280, 280:360, 3:6]  # the middle of an empty bin faces the camera
     assert np.allclose(floor, [0, 0, -1], atol=2e-3)
+
+
+def loops_and_tensors(scene, projective):
+    """Normal equations of pushed poses by the compiled loops, and the tensor arithmetic that they stand for."""
+    shape = ShapeModel.of(scene.workpiece)
+    surface = SurfaceMap.of(scene.frame, shape.unit, 1.2e-4)
+    R, t = pushed(scene, scene.pixels > 0.3 * scene.pixels.max(), 0.04, 8)
+    view, threshold, count = shape.view_of(R, t), 0.06, 200
+    found = surface_terms(
+        R.numpy(), t.numpy(), view.numpy(), shape.visible.numpy(), shape.visible_normals.numpy(), count,
+        surface.table.numpy(), surface.camera, np.float32(threshold), np.float32(MIN_FACING), projective,
+        *shape.field.arrays, surface.nearest_vote.numpy(), np.zeros((0, 3), np.float32), np.float32(1), np.float32(1),
+        *shape.elongation,
+    )  # fmt: skip
+    a = compare(R, t, surface, shape, count)
+    rows = surface.at(surface.pixels_of(a.drawn)[0])
+    distance, gradient = shape.field.look_up(a.points)
+    if projective:
+        gradient = shape.visible_normals[:, :count][view]
+        distance = ((a.points - shape.visible[:, :count][view]) * gradient).sum(-1)
+    weight = (1 - (distance / threshold) ** 2).clamp(min=0) ** 2
+    weight = weight * (a.measured & ((torch.bmm(rows[..., 3:6], R) * gradient).sum(-1) > MIN_FACING))
+    J = torch.cat([torch.linalg.cross(a.points, gradient), gradient], -1)
+    H = torch.einsum("hp,hpi,hpj->hij", weight, J, J)
+    return found, (H.numpy(), torch.einsum("hp,hp,hpi->hi", weight, distance, J).numpy())
+
+
+@pytest.mark.parametrize("projective", [False, True])
+def test_compiled_loops_are_the_tensor_arithmetic(scene, projective):
+    found, meant = loops_and_tensors(scene, projective)
+    assert np.abs(meant[0]).max(axis=(1, 2)).min() > 1  # every pose has points
+    for mine, theirs in zip(found, meant, strict=True):
+        assert np.allclose(mine, theirs, rtol=1e-3, atol=2e-3 * np.abs(theirs).max())
+
+
+def test_soft_score_is_that_of_the_compared_points(scene):
+    shape = ShapeModel.of(scene.workpiece)
+    surface = SurfaceMap.of(scene.frame, shape.unit, 1.2e-4)
+    R, t = pushed(scene, scene.pixels >= 0, 0.05, 10)
+    a, tolerance = compare(R, t, surface, shape, 100), 0.07
+    near = (1 - (a.distance / tolerance) ** 2).clamp(min=0) * a.measured
+    agree = near * torch.where(a.known_normal, a.facing.clamp(min=0), 0.5)
+    meant = (agree - 0.7 * ((a.gap - tolerance) / tolerance).clamp(0, 1)).mean(1)
+    assert torch.allclose(soft_score(R, t, surface, shape, 100, tolerance), meant, atol=1e-4)
+    assert meant.std() > 0.05
+
+
+def ramp_image(edge):
+    """(1 * 100,) depth of a row of pixels: a surface at 1 that ends at column `edge`, the floor at 1.5 behind it."""
+    return np.where(np.arange(100) < edge, 1.0, 1.5).astype(np.float32)
+
+
+@pytest.mark.parametrize(("edge", "offset"), [(60, 0.10), (50, 0.0), (40, -0.10), (90, None)])
+def test_outline_moves_to_the_edge_of_the_depth(edge, offset):
+    """One outline point at the middle column, searched 0.2 to both sides: its offset is where the surface ends."""
+    camera = np.array([100, 100, 50, 0, 100, 1], np.float32)  # 0.01 a pixel at depth 1
+    one = np.float32([[[0, 0, 0]]]), np.float32([[[1, 0, 0]]])
+    H, s = rim_terms(
+        np.eye(3, dtype=np.float32)[None], np.float32([[0, 0, 1]]), np.zeros(1, np.int64), *one, 1,
+        np.float32(0.2), 21, np.float32(0.1), np.float32(1.0), ramp_image(edge), camera,
+    )  # fmt: skip
+    if offset is None:
+        assert not H.any() and not s.any()
+    else:
+        found = s[0, 3] / H[0, 3, 3]
+        assert found == pytest.approx(offset, abs=0.031)  # the dead band of a step, and half a step

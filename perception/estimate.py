@@ -24,8 +24,9 @@ from perception.variants import cluster_config
 from perception.votes import Votes
 from perception.weights import load_weights, weights_path
 
-PASSES = 2
-"""Samplings of the cloud that vote together: each adds votes on other points at the cost of one forward pass."""
+PASSES, PASSES_SLENDER = 2, 3
+"""Samplings of the cloud that vote together: each adds votes on other points at the cost of one forward pass. Slender
+workpieces, whose ends few points see, gain by one more."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,8 @@ class Perception:
         score_model = shipped_score_model(workpiece) if calibrated else None
         config = config or RefineConfig.model_validate({})
         config = config.model_copy(update={"cluster": cluster_config(network.config, config.cluster)})
-        return Perception(workpiece, network, config, score_model)
+        passes = PASSES_SLENDER if workpiece.units_long > 1 else PASSES
+        return Perception(workpiece, network, config, score_model, passes)
 
     def perceive(self, frame: DepthFrame, bin: Bin, rng: np.random.Generator) -> RefineResult:
         """Verified estimates and the network's raw poses; `rng` chooses the voting points."""

@@ -45,7 +45,7 @@ class HypothesisConfig(Config):
     screen_points: int = Field(20, ge=8, description="CAD points of a first score, which keeps 4 x `keep` of a place")
     apart: float = Field(0.06, ge=0, description="two hypotheses of a place nearer than this, in units, are one")
     alike: float = Field(0.005, ge=0, description="the same before they are turned and scored, in units")
-    slender: int = Field(2, ge=1, description="factor of votes_per_place, keep and keep_after_coarse on slender parts")
+    slender: int = Field(3, ge=1, description="factor of votes_per_place, keep and keep_after_coarse on slender parts")
 
     def of(self, shape: ShapeModel) -> HypothesisConfig:
         """The settings for a workpiece."""

@@ -39,7 +39,7 @@ class Baseline(Config):
     scenario_hash: str
     weights_hash: str
     oracle: list[str]
-    inputs: dict[str, str] = {}
+    inputs: dict[str, str] = Field(default_factory=dict)
     versions: dict[str, str]
     whole: bool
     scenario: dict[str, Any]

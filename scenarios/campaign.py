@@ -75,7 +75,9 @@ def run_campaign(
     begun = time.perf_counter()
     with (
         _signals_noted() as interrupted,
-        Store.resume(out) if resume else Store.create(out, identity | told | {"inputs_hash": inputs_hash(inputs)}) as store,
+        Store.resume(out)
+        if resume
+        else Store.create(out, identity | told | {"inputs_hash": inputs_hash(inputs)}) as store,
     ):
         if resume:
             _check_same(store, identity, episodes, out)

@@ -150,7 +150,9 @@ class Cluster:
         except errors.RayTaskError as error:
             raise RuntimeError(f"episode {seed} failed in its task:\n{error}") from None
         except (errors.LocalRayletDiedError, errors.RaySystemError) as error:
-            raise ClusterError(f"{self._address}: the Ray cluster is gone ({_line(error)}); --resume continues") from None
+            raise ClusterError(
+                f"{self._address}: the Ray cluster is gone ({_line(error)}); --resume continues"
+            ) from None
         except errors.RayError as error:
             return self._lost(stream, _line(error))
         event = checked(message, seed)

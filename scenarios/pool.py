@@ -86,9 +86,7 @@ class Pool(Protocol):
 def run_one(task: Task, seed: int, send: Callable[[Message], None]) -> None:
     """Run an episode and send what happens; the last message is its end, a `Failure`, or an error."""
     try:
-        episode = task.runner(
-            task.scenario, seed, task.oracle, lambda a: send(Event(a.seed, attempt=a)), task.pictures
-        )
+        episode = task.runner(task.scenario, seed, task.oracle, lambda a: send(Event(a.seed, attempt=a)), task.pictures)
         send(Event(seed, episode=episode))
     except SimulationError as error:  # the same again for the same seed: no second try
         send(Failure(seed, str(error), "broken"))

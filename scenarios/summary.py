@@ -17,8 +17,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from scenarios.pool import Event
 from scenarios.files import write_json
+from scenarios.pool import Event
 from scenarios.records import ENDS, AttemptRecord, EpisodeRecord, Reason
 from scenarios.statistics import cluster_interval, wilson
 from scenarios.store import Store, record_hash

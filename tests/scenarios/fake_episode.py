@@ -1,6 +1,7 @@
 """An episode without physics, importable by name in worker processes: the campaign takes its runner as an argument.
 
-The gripper of the scenario says how it misbehaves: `slow`, `dies`, `dies_once:FILE`, `killed:FILE`, `hangs`, `broken`, `buggy` ...
+The gripper of the scenario says how it misbehaves: `slow`, `dies`, `dies_once:FILE`, `killed:FILE`, `hangs`, `broken`,
+`buggy` ...
 """
 
 from __future__ import annotations

@@ -200,12 +200,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="bins with one and with two workers (default 4)",
     )
+    parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
 
 
 def main(args: argparse.Namespace) -> int:
     """`pickproof benchmark campaign`."""
-    scenario = load_scenario(args.scenario)
+    scenario = load_scenario(args.scenario, args.set)
     with tempfile.TemporaryDirectory() as folder:
         figures = measure(scenario, args.episodes, Path(folder))
     if args.json is not None:

@@ -73,8 +73,10 @@ def run_campaign(
     }
     told = {"scenario": scenario_json(scenario), "episodes": episodes, "command": command, "wall_s": 0.0}
     begun = time.perf_counter()
+    task = Task(scenario, oracle, runner, pictures)
     with (
         _signals_noted() as interrupted,
+        _pool(task, workers, stall_s, interrupted, ray, identity) as pool,
         Store.resume(out)
         if resume
         else Store.create(out, identity | told | {"inputs_hash": inputs_hash(inputs)}) as store,
@@ -86,22 +88,19 @@ def run_campaign(
         store.forget_unfinished()
         done = {e.seed for e in store.episodes()}
         todo = _longest_first([s for s in range(seed, seed + episodes) if s not in done], expected_s or {})
-        task = Task(scenario, oracle, runner, pictures)
-        with _pool(task, workers, len(todo), stall_s, interrupted, ray, identity) as pool:
-            try:
-                for event in _attempted(pool, todo, scenario, store):
-                    on_event(event)
-            finally:
-                for event in pool.stop():
-                    _commit(store, event)
-                store.set_meta({"wall_s": wall_before + time.perf_counter() - begun})
+        try:
+            for event in _attempted(pool, todo, scenario, store):
+                on_event(event)
+        finally:
+            for event in pool.stop():
+                _commit(store, event)
+            store.set_meta({"wall_s": wall_before + time.perf_counter() - begun})
 
 
 @contextmanager
 def _pool(
     task: Task,
     workers: int,
-    episodes: int,
     stall_s: float,
     interrupted: Callable[[], bool],
     ray: str | None,
@@ -110,7 +109,7 @@ def _pool(
     if ray is None:
         from scenarios.workers import Workers
 
-        yield Workers(task, min(workers, episodes), interrupted, stall_s)
+        yield Workers(task, workers, interrupted, stall_s)
     else:
         from scenarios.cluster import connected
 

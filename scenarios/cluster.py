@@ -64,6 +64,7 @@ def connected(
         quiet: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
         if address == "local":
             ray.init(address="local", num_cpus=workers or None, include_dashboard=False, **quiet)
+            _check_loopback(ray)
         else:
             _check_reachable(address)
             try:
@@ -196,6 +197,13 @@ def _ray(address: str) -> Any:
     except ImportError:
         raise InputError("command line", "--ray", address, "Ray installed: pip install 'pickproof[cluster]'") from None
     return ray
+
+
+def _check_loopback(ray: Any) -> None:
+    """A program that imported Ray by itself before would have the node serve every network."""
+    if ray.util.get_node_ip_address() not in ("127.0.0.1", "::1"):
+        ray.shutdown()
+        raise InputError("command line", "--ray", "local", "a process that has not imported Ray before")
 
 
 def _check_reachable(address: str) -> None:

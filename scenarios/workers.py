@@ -7,25 +7,24 @@ lock that a killed process held stays locked.
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import os
+import pickle
 import signal
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
-from cell.processes import child_environment
+from cell.processes import child_environment, work_for
 from scenarios.pool import STALL_S, WORKER_ENVIRONMENT, Event, Failure, Kind, Message, Task, checked, run_one
 
 _POLL_S = 0.25
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 @dataclass
@@ -112,7 +111,8 @@ class Workers:
     def _start(self) -> _Worker:
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
-        process = context.Process(target=_work, args=(there, self._task, os.getpid()), daemon=True)
+        work = pickle.dumps(partial(_work, self._task))
+        process = context.Process(target=work_for, args=(os.getpid(), work, there), daemon=True)
         with child_environment(WORKER_ENVIRONMENT), _sigint_blocked():
             process.start()
         there.close()
@@ -149,25 +149,15 @@ class Workers:
         self._workers.remove(worker)
 
 
-def _work(pipe: Connection, task: Task, driver: int) -> None:
+def _work(task: Task, pipe: Connection) -> None:
     """A worker process: episodes until the driver says None or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the driver ends the workers
-    _die_with(driver)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)  # the physics engine chats on stdout, which may be a JSON document's
     os.close(nowhere)
     with suppress(EOFError, OSError):
         while (seed := pipe.recv()) is not None:
             run_one(task, seed, pipe.send)
-
-
-def _die_with(driver: int) -> None:
-    """Have the system end this process when the driver is killed, even in the middle of a step of the physics."""
-    if sys.platform != "linux":
-        return  # elsewhere it ends with its next message, which nobody takes
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != driver:  # it was killed before the call
-        os._exit(1)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import socket
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,9 @@ from scenarios.cli import main
 from scenarios.scenario import load_scenario
 from scenarios.store import Store
 from scenarios.summary import summarise
+
+# not imported here: Ray reads how far it may be seen when it is imported
+needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="pickproof[cluster] is not installed")
 
 
 def campaign(out, ray, gripper="jaw_v1", on_event=lambda event: None):
@@ -37,8 +41,8 @@ def listening():
     return {words[1] for words in lines if len(words) > 3 and words[3] == "0A"}
 
 
+@needs_ray
 def test_ray_gives_the_records_of_this_machine_and_serves_on_loopback_only(tmp_path):
-    pytest.importorskip("ray", reason="pickproof[cluster] is not installed")
     before, opened, retries = listening(), set(), []
 
     def look(event):
@@ -52,8 +56,8 @@ def test_ray_gives_the_records_of_this_machine_and_serves_on_loopback_only(tmp_p
     assert opened and {address.partition(":")[0] for address in opened} <= set(loopback)
 
 
+@needs_ray
 def test_an_address_without_a_cluster_is_one_line(capsys, tmp_path):
-    pytest.importorskip("ray", reason="pickproof[cluster] is not installed")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"

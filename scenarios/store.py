@@ -15,7 +15,7 @@ from typing import Any
 
 from cell.errors import InputError, PickproofError
 from scenarios.files import StoreError
-from scenarios.records import AttemptRecord, EpisodeRecord
+from scenarios.records import AttemptRecord, EpisodeRecord, Rows
 
 FILE = "results.sqlite"
 SCHEMA_VERSION = 2
@@ -226,14 +226,19 @@ def record_hash(attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRec
     """
     digest = hashlib.sha256()
     for a in sorted(attempts, key=lambda a: (a.seed, a.attempt)):
-        chosen = (a.estimate_T_world_part, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
+        pose = None if a.estimate_T_world_part is None else _hex(a.estimate_T_world_part)
+        chosen = (pose, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
         outcome = (a.moved, a.success, str(a.reason), a.parts_in_bin_before, a.n_estimates)
-        line = ["attempt", a.seed, a.attempt, outcome, chosen, a.part_poses_after]
-        digest.update(json.dumps(_exact(line)).encode() + b"\n")
+        line = [*_exact(["attempt", a.seed, a.attempt, outcome, chosen]), _hex(a.part_poses_after)]
+        digest.update(json.dumps(line).encode() + b"\n")
     for e in sorted(episodes, key=lambda e: e.seed):
         line = ["episode", e.seed, e.parts_dropped, e.parts_picked, e.end, e.attempts]
         digest.update(json.dumps(_exact(line)).encode() + b"\n")
     return digest.hexdigest()
+
+
+def _hex(rows: Rows) -> list[list[str]]:
+    return [list(map(float.hex, row)) for row in rows]
 
 
 def _exact(value: Any) -> Any:

@@ -43,7 +43,8 @@ def summarise(store: Store) -> dict[str, Any]:
     rate = successes / len(moved) if moved else None
     dropped = sum(e.parts_dropped for e in episodes)
     cycle = _mean_cycle([a for a in moved if a.reason != Reason.SIMULATION_ERROR])
-    in_episodes = sum(1 for a in moved if a.seed in {e.seed for e in episodes})
+    ended = {e.seed for e in episodes}
+    in_episodes = sum(a.seed in ended for a in moved)
     return {
         "scenario": json.loads(meta["scenario"])["name"],
         "scenario_hash": meta["scenario_hash"],

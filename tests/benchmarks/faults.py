@@ -86,7 +86,7 @@ def storm(
                 break
             if rng.random() < driver_share:
                 driver.kill()
-                driver.wait()
+                driver.communicate()
                 found.kills["driver"] += 1
                 found.orphans += _left_after(ORPHAN_S, workers) if cluster is None else 0
                 driver = _start(command, words, out)
@@ -96,8 +96,9 @@ def storm(
             elif workers:
                 _kill(int(rng.choice(workers)))
                 found.kills["worker"] += 1
-        if driver.wait() != 0:
-            raise SystemExit(f"the driver ended with {driver.returncode}: {driver.stderr.read().decode()}")  # type: ignore[union-attr]
+        error = driver.communicate()[1].decode()
+        if driver.returncode != 0:
+            raise SystemExit(f"the driver ended with {driver.returncode}: {error}")
         found.campaigns += 1
         _compare(calm, out, found)
         print(f"{folder.name}: {found}", file=sys.stderr, flush=True)

@@ -42,6 +42,9 @@ def listening():
 
 
 @needs_ray
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning"
+)  # Ray leaves pipes and processes to the collector
 def test_ray_gives_the_records_of_this_machine_and_serves_on_loopback_only(tmp_path):
     before, opened, retries = listening(), set(), []
 

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from cell.errors import PickproofError
+from scenarios.cluster import NODE_ENVIRONMENT
 from scenarios.store import FILE, Store, record_hash
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -73,8 +74,8 @@ def storm(
         moment_s: [s] between two kills at most.
         cluster: a `_Nodes`, when the campaign runs on Ray.
     """
-    found = Storm()
-    calm = folder / "calm"
+    found, calm = Storm(), folder / "calm"
+    at_driver = (rng.random(kills) < driver_share).tolist()
     _finish(command, [*[w for w in words if not w.startswith("--ray")], "--out", str(calm)])
     while found.kills.total() < kills:
         out = folder / f"storm-{found.campaigns}"
@@ -82,9 +83,9 @@ def storm(
         while found.kills.total() < kills and driver.poll() is None:
             time.sleep(rng.uniform(0.1, moment_s))
             workers = _descendants(driver.pid) if cluster is None else cluster.workers()
-            if driver.poll() is not None:
-                break
-            if rng.random() < driver_share:
+            if driver.poll() is not None or not (workers or at_driver[found.kills.total()]):
+                continue
+            if at_driver[found.kills.total()]:
                 driver.kill()
                 driver.communicate()
                 found.kills["driver"] += 1
@@ -93,7 +94,7 @@ def storm(
             elif cluster is not None and rng.random() < 0.2:
                 cluster.kill_node()
                 found.kills["node"] += 1
-            elif workers:
+            else:
                 _kill(int(rng.choice(workers)))
                 found.kills["worker"] += 1
         error = driver.communicate()[1].decode()
@@ -151,6 +152,7 @@ class _Nodes:
     """A Ray cluster of a head and one node, on this machine."""
 
     def __init__(self) -> None:
+        os.environ.update(NODE_ENVIRONMENT)
         from ray.cluster_utils import Cluster
 
         self._cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})

@@ -25,8 +25,6 @@ from scenarios.pool import WORKER_ENVIRONMENT, Event, Failure, Message, Task, ch
 from scenarios.scenario import scenario_hash, weights_used
 from scenarios.workers import Workers
 
-NODE_ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_raylet_start_wait_time_s": "120"}
-"""Of a node that is started here: it tells nobody, and a busy machine may take its time."""
 # read by Ray when it is imported: a node that no cluster can join serves on 127.0.0.1 only, whatever the system
 _ON_LOOPBACK = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 REACH_S = 5.0
@@ -58,14 +56,17 @@ def connected(
     Raises:
         InputError: Ray is not installed, or nothing answers at the address.
     """
-    environment = {**WORKER_ENVIRONMENT, **NODE_ENVIRONMENT}
+    environment = {**WORKER_ENVIRONMENT, "RAY_USAGE_STATS_ENABLED": "0"}
     if address == "local":
         environment |= _ON_LOOPBACK | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with _own_signals(), child_environment(environment):
         ray = _ray(address)
         quiet: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
         if address == "local":
-            ray.init(address="local", num_cpus=workers or None, include_dashboard=False, **quiet)
+            try:
+                ray.init(address="local", num_cpus=workers or None, include_dashboard=False, **quiet)
+            except Exception as error:  # noqa: BLE001  Ray raises plain ones, as on a machine too busy to start in 30 s
+                raise ClusterError(f"Ray did not start here ({_line(error)})") from None
             _check_loopback(ray)
         else:
             _check_reachable(address)

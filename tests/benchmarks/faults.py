@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 
 from cell.errors import PickproofError
-from scenarios.cluster import NODE_ENVIRONMENT
 from scenarios.store import FILE, Store, record_hash
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -152,7 +151,6 @@ class _Nodes:
     """A Ray cluster of a head and one node, on this machine."""
 
     def __init__(self) -> None:
-        os.environ.update(NODE_ENVIRONMENT)
         from ray.cluster_utils import Cluster
 
         self._cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})

@@ -81,7 +81,7 @@ def storm(
         driver = _start(command, words, out)
         while found.kills.total() < kills and driver.poll() is None:
             time.sleep(rng.uniform(0.1, moment_s))
-            workers = _descendants(driver.pid) if cluster is None else cluster.workers()
+            workers = descendants(driver.pid) if cluster is None else cluster.workers()
             if driver.poll() is not None or not (workers or at_driver[found.kills.total()]):
                 continue
             if at_driver[found.kills.total()]:
@@ -159,7 +159,7 @@ class _Nodes:
 
     def workers(self) -> list[int]:
         """Processes that run an episode, and those of Ray above them."""
-        return [pid for pid in _descendants(os.getpid()) if "ray::_episode" in _name(pid) or "spawn_main" in _name(pid)]
+        return [pid for pid in descendants(os.getpid()) if "ray::_episode" in _name(pid) or "spawn_main" in _name(pid)]
 
     def kill_node(self) -> None:
         """All processes of the node; another takes its place."""
@@ -227,7 +227,7 @@ def _compare(calm: Path, stormy: Path, found: Storm) -> None:
     found.other_hash += expected[1] != there[1]
 
 
-def _descendants(pid: int) -> list[int]:
+def descendants(pid: int) -> list[int]:
     """Processes below `pid` but for Python's own helper."""
     below, level = [], [pid]
     while level:

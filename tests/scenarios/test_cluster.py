@@ -1,7 +1,9 @@
 """On a Ray node of its own; needs `pickproof[cluster]`."""
 
+import os
 import socket
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from scenarios.cli import main
 from scenarios.scenario import load_scenario
 from scenarios.store import Store
 from scenarios.summary import summarise
+from tests.benchmarks.faults import descendants
 
 # not imported here: Ray reads how far it may be seen when it is imported
 needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="pickproof[cluster] is not installed")
@@ -36,9 +39,13 @@ def campaign(out, ray, gripper="jaw_v1", on_event=lambda event: None):
 
 
 def listening():
-    """Local addresses, in hexadecimal, on which processes of this machine listen."""
+    """Local addresses, in hexadecimal, on which this process and those below it listen."""
+    mine = set()
+    for pid in (os.getpid(), *descendants(os.getpid())):
+        with suppress(OSError):  # it has ended
+            mine |= {str(fd.readlink()) for fd in Path(f"/proc/{pid}/fd").iterdir()}
     lines = [line.split() for kind in ("tcp", "tcp6") for line in Path(f"/proc/net/{kind}").read_text().splitlines()]
-    return {words[1] for words in lines if len(words) > 3 and words[3] == "0A"}
+    return {words[1] for words in lines if words[3] == "0A" and f"socket:[{words[9]}]" in mine}
 
 
 @needs_ray
@@ -46,10 +53,10 @@ def listening():
     "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning"
 )  # Ray leaves pipes and processes to the collector
 def test_ray_gives_the_records_of_this_machine_and_serves_on_loopback_only(tmp_path):
-    before, opened, retries = listening(), set(), []
+    opened, retries = set(), []
 
     def look(event):
-        opened.update(listening() - before)
+        opened.update(listening())
         retries.extend([event.seed] if event.attempt is event.episode is None else [])
 
     far = campaign(tmp_path / "far", "local", f"killed:{tmp_path / 'mark'}", look)

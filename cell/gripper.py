@@ -23,13 +23,18 @@ def list_grippers() -> list[str]:
     return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
 
 
+def gripper_path(name: str) -> Path:
+    """Where the YAML file of a gripper lies: a shipped one by its name, any by its path."""
+    return Path(name) if name.endswith((".yaml", ".yml")) else SHIPPED / f"{name}.yaml"
+
+
 def load_gripper(name: str) -> ParallelJaw | VacuumGripper | Magnet:
     """Load a shipped gripper by name, or any by the path of its YAML file; `kind` is parallel_jaw when left out.
 
     Raises:
         InputError: no such gripper, or an invalid file.
     """
-    path = Path(name) if name.endswith((".yaml", ".yml")) else SHIPPED / f"{name}.yaml"
+    path = gripper_path(name)
     if not path.is_file():
         raise InputError("command line", "gripper", name, f"one of: {', '.join(list_grippers())}, or a YAML file")
     data = read_yaml(path)

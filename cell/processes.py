@@ -1,10 +1,17 @@
-"""What child processes inherit."""
+"""What child processes inherit, and when they end."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import pickle
+import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 @contextmanager
@@ -20,3 +27,21 @@ def child_environment(values: dict[str, str]) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+def work_for(parent: int, work: bytes, *args: Any) -> None:
+    """Target of a child process: call the pickled function `work`, and end with the process `parent` at the latest.
+
+    The function is unpickled here, since that may import for seconds, in which the parent may already be killed.
+    """
+    _die_with(parent)
+    pickle.loads(work)(*args)
+
+
+def _die_with(parent: int) -> None:
+    """Have the system end this process when its parent is killed, even in the middle of a step of the physics."""
+    if sys.platform != "linux":
+        return  # elsewhere it ends when it next speaks to its parent
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it was killed before the call
+        os._exit(1)

@@ -86,11 +86,15 @@ class OpenGripper:
         """(n,) bool: a point (k, 3) in the world is inside the gripper at a tool pose (n, 4, 4)."""
         if len(points) == 0:
             return np.zeros(len(Ts_world_tool), dtype=bool)
-        local = apply(invert(Ts_world_tool), points)
-        inside = np.zeros(local.shape[:2], dtype=bool)
-        for centre, half in zip(self.centres, self.halves, strict=True):
-            inside |= (np.abs(local - centre) < half + margin).all(axis=-1)
-        return np.asarray(inside.any(axis=1))
+        T_tool_world = invert(Ts_world_tool)
+        # one product for all poses, and x, y, z apart: several times faster than (n, k, 3)
+        local = (T_tool_world[:, :3, :3].reshape(-1, 3) @ points.T).reshape(-1, 3, len(points))
+        local += T_tool_world[:, :3, 3:]
+        hit = np.zeros(len(Ts_world_tool), dtype=bool)
+        for centre, half in zip(self.centres, self.halves + margin, strict=True):
+            x, y, z = (np.abs(local[:, axis] - centre[axis]) < half[axis] for axis in range(3))
+            hit |= (x & y & z).any(axis=1)
+        return hit
 
     def room(self, T_world_tool: Array, points: Array, most: float) -> float:
         """Distance in [m] from the gripper at one tool pose (4, 4) to the nearest point (k, 3), at most `most`."""

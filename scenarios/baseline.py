@@ -30,6 +30,7 @@ class Baseline(Config):
     Attributes:
         whole: episodes were run to their end; otherwise only their first attempt.
         scenario: the effective scenario, so that a gate can say what has changed.
+        inputs: hashes of the files it names, as `input_hashes` gives them; empty in older baselines.
         rows: `COLUMNS` of each episode, at consecutive seeds.
     """
 
@@ -38,6 +39,7 @@ class Baseline(Config):
     scenario_hash: str
     weights_hash: str
     oracle: list[str]
+    inputs: dict[str, str] = Field(default_factory=dict)
     versions: dict[str, str]
     whole: bool
     scenario: dict[str, Any]
@@ -111,7 +113,7 @@ def baseline_of(directory: Path) -> Baseline:
         InputError: no episode has ended.
     """
     with Store.read(directory) as store:
-        meta, found = store.meta(), outcomes(store.attempts(), store.episodes())
+        meta, found = store.meta(), outcomes(store.attempts(large=False), store.episodes())
     if not found:
         raise InputError(directory / FILE, "episodes", "none that ended", "at least one")
     first = found[0].seed
@@ -121,6 +123,7 @@ def baseline_of(directory: Path) -> Baseline:
         scenario_hash=meta["scenario_hash"],
         weights_hash=meta["weights_hash"],
         oracle=meta["oracle"],
+        inputs=meta.get("inputs", {}),
         versions=meta["versions"],
         whole=scenario["stop"]["attempt_limit"] > 1,
         scenario=scenario,

@@ -25,6 +25,7 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "compare": "compare two campaigns over the same bins",
     "baseline": "write a small JSON file that a gate compares with",
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
+    "export": "the attempts of a campaign as a Parquet file",
     "sweep": "run a scenario for every combination of values",
 }
 
@@ -68,9 +69,12 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     run.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
     run.add_argument("--out", type=Path, metavar="DIR", help="default: out/SCENARIO-SEED")
     run.add_argument("--resume", action="store_true", help="continue the campaign in --out")
+    run.add_argument(
+        "--ray", metavar="ADDRESS", help="run on a Ray cluster: HOST:PORT, auto, or local to start one on this machine"
+    )
     run.add_argument("--no-pictures", action="store_true", help="keep no pictures of attempts")
     run.add_argument("--json", action="store_true", help="print the summary as JSON; progress goes to stderr")
-    run.set_defaults(command=_run)
+    run.set_defaults(command=_run, workers=None)
 
     report = commands.add_parser("report", help="write DIR/report.html from the results in DIR")
     report.add_argument("directory", type=Path, metavar="DIR")
@@ -79,7 +83,8 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     train = commands.add_parser("train", help="train the network for a workpiece")
     evaluate = commands.add_parser("evaluate", help="measure perception on held-out scenes")
     benchmark = commands.add_parser(
-        "benchmark", help="perception against its peers; motion against its bound; the error rates of a gate"
+        "benchmark",
+        help="perception against its peers; motion against its bound; the error rates of a gate; speed of a campaign",
     )
     fit_score = commands.add_parser("fit-score", help="calibrate a workpiece's score on validation scenes")
     if "train" in words[:1]:
@@ -94,6 +99,10 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         from scenarios.benchmark_motion import add_arguments as add_motion_arguments
 
         add_motion_arguments(benchmark)
+    elif words[:2] == ["benchmark", "campaign"]:
+        from scenarios.benchmark_campaign import add_arguments as add_campaign_arguments
+
+        add_campaign_arguments(benchmark)
     elif words[:2] == ["benchmark", "gate"]:
         from scenarios.gate_calibration import add_arguments as add_calibration_arguments
 
@@ -147,7 +156,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.resume:
         with Store.read(out) as store:
             ended = {e.seed for e in store.episodes()}
-            done = [a for a in store.attempts() if a.seed in ended]
+            done = [a for a in store.attempts(large=False) if a.seed in ended]
     if not args.json:
         console.print(
             f"{scenario.name}: {args.episodes} episodes of {scenario.count} workpieces, results in {out}",
@@ -159,7 +168,8 @@ def _run(args: argparse.Namespace) -> int:
                 scenario.model_copy(update={"seed": seed}),
                 episodes=args.episodes,
                 seed=seed,
-                workers=args.workers,
+                workers=args.workers or (0 if args.ray else 1),
+                ray=args.ray,
                 oracle=oracle,
                 out=out,
                 runner=run_episode,
@@ -171,7 +181,7 @@ def _run(args: argparse.Namespace) -> int:
             )
     except KeyboardInterrupt:
         with Store.read(out) as store:
-            kept = len(store.attempts())
+            kept = len(store.attempts(large=False))
         print(
             f"pickproof: interrupted; {kept} attempts are kept in {out}, --resume --out {out} continues",
             file=sys.stderr,
@@ -212,6 +222,10 @@ def _benchmark(args: argparse.Namespace) -> int:
         from scenarios.benchmark_motion import main_benchmark_motion
 
         return main_benchmark_motion(args)
+    if args.subject == "campaign":
+        from scenarios.benchmark_campaign import main as main_campaign
+
+        return main_campaign(args)
     if args.subject == "gate":
         from scenarios.gate_calibration import main as main_calibration
 

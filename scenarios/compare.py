@@ -16,6 +16,7 @@ from rich.table import Table
 from scipy.stats import binomtest, norm
 
 from scenarios.files import write_json
+from scenarios.inputs import changed as changed_names
 from scenarios.paired import Outcome, changed_fields, check_same_bins, outcomes, same_seeds
 from scenarios.records import AttemptRecord
 from scenarios.statistics import Counts, difference_interval, difference_variances, pair_interval
@@ -55,7 +56,8 @@ class Comparison:
     """What two campaigns say about each other.
 
     Attributes:
-        changed: dotted fields in which the scenarios differ, and `oracle`, `weights`, `versions` where those do.
+        changed: dotted fields in which the scenarios differ, and `oracle`, `weights_hash`, `inputs.` and `versions.`
+            where those do.
         success, clearance: of whole episodes; None where the stop rules differ or nothing was tried.
         reasons: failures and no-picks a record, by reason.
         basis: what the verdict stands on.
@@ -86,13 +88,12 @@ def compare(a: Path, b: Path) -> Comparison:
         metas = first.meta(), second.meta()
         changed = changed_fields(metas[0]["scenario"], metas[1]["scenario"])
         check_same_bins(changed, b)
-        records = first.attempts(), second.attempts()
+        records = first.attempts(large=False), second.attempts(large=False)
         known = outcomes(records[0], first.episodes()), outcomes(records[1], second.episodes())
         pairs = same_seeds(*known, b)
     stop = [field for field in changed if field.startswith("stop.")]
-    for key in ("oracle", "weights_hash", "versions"):
-        if metas[0].get(key) != metas[1].get(key):
-            changed.append(key)
+    made_with = {key: metas[1].get(key) for key in ("oracle", "weights_hash", "inputs", "versions")}
+    changed += changed_names(metas[0], made_with)
     tried = all(any(o.attempts for o in side) for side in pairs)
     success = _difference(_counts(pairs[0]), _counts(pairs[1])) if tried and not stop else None
     clearance = None

@@ -18,11 +18,12 @@ from scenarios.arguments import add_scenario_arguments, fraction, integer
 from scenarios.baseline import Baseline, Execution, read_baseline
 from scenarios.campaign import Event
 from scenarios.files import free_folder, write_json, write_whole
+from scenarios.inputs import changed, input_hashes, versions
 from scenarios.paired import MEASURES, Measure, Outcome, changed_fields, check_same_bins, outcomes, same_seeds
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.scenario import Scenario, load_scenario, scenario_json, weights_used
 from scenarios.sequential import DECISIONS, Decision, Rule, bounds, decide
-from scenarios.store import FILE, Store, versions
+from scenarios.store import FILE, Store
 from scenarios.summary import percent
 
 EXIT: dict[Decision, int] = {"passed": 0, "worse": 1, "undecided": 3}
@@ -40,7 +41,7 @@ class GateResult:
         baseline, candidate: mean of the measure over them.
         bounds: of the difference, candidate minus baseline; they hold at every look with a chance of 1 - alpha.
         changed: dotted fields in which the scenario differs from the baseline's, and `oracle`, `weights_hash`,
-            `versions` where those do.
+            `inputs.` and `versions.` where those do.
     """
 
     decision: Decision
@@ -90,15 +91,18 @@ def run_gate(
     Raises:
         InputError: the baseline is not over the bins of this scenario, or does not hold the measure.
     """
-    changed = check_gate(scenario, baseline, measure, file)
-    weights = weights_used(scenario, how.oracle)
-    now = {"oracle": sorted(how.oracle), "weights_hash": weights, "versions": versions()}
-    changed += [key for key, value in now.items() if getattr(baseline, key) != value]
+    now = {
+        "oracle": sorted(how.oracle),
+        "weights_hash": weights_used(scenario, how.oracle),
+        "inputs": input_hashes(scenario, how.oracle),
+        "versions": versions(),
+    }
+    different = check_gate(scenario, baseline, measure, file) + changed(baseline.model_dump(), now)
     expected = baseline.outcomes[:max_episodes]
     pairs = _Pairs(expected, rule, measure, file)
     if how.resume:
         with Store.read(how.out) as store:
-            pairs.add(store.attempts(), store.episodes())
+            pairs.add(store.attempts(large=False), store.episodes())
     attempts: dict[int, list[AttemptRecord]] = {}
 
     def on_event(event: Event) -> None:
@@ -115,7 +119,7 @@ def run_gate(
     if pairs.decision()[0] == "undecided":
         with suppress(_DecidedError):
             how.run(scenario, measure, expected[0].seed, len(expected), on_event)
-    return pairs.result(changed)
+    return pairs.result(different)
 
 
 def check_gate(scenario: Scenario, baseline: Baseline, measure: Measure, file: Path) -> list[str]:
@@ -124,16 +128,16 @@ def check_gate(scenario: Scenario, baseline: Baseline, measure: Measure, file: P
     Raises:
         InputError: the two cannot be compared.
     """
-    changed = changed_fields(baseline.scenario, scenario_json(scenario))
-    check_same_bins(changed, file)
+    different = changed_fields(baseline.scenario, scenario_json(scenario))
+    check_same_bins(different, file)
     if measure not in baseline.measures:
         raise InputError(file, "whole", False, f"a baseline of whole episodes (--whole) for --measure {measure}")
     if measure == "first_attempt":
-        return [field for field in changed if field != "stop.attempt_limit"]
-    stop = [field for field in changed if field.startswith("stop.")]
+        return [field for field in different if field != "stop.attempt_limit"]
+    stop = [field for field in different if field.startswith("stop.")]
     if stop:
         raise InputError(file, ", ".join(stop), "other values", "the same stop rule in both for whole episodes")
-    return changed
+    return different
 
 
 class _Pairs:

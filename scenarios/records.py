@@ -40,7 +40,7 @@ NO_PICK_REASONS = frozenset({Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Rea
 
 def nested(array: ArrayLike) -> Rows:
     """A matrix (n, m) as nested tuples of floats, the form in which records hold matrices."""
-    return tuple(tuple(float(x) for x in row) for row in np.asarray(array, dtype=np.float64))
+    return tuple(map(tuple, np.asarray(array, dtype=np.float64).tolist()))
 
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {

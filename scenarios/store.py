@@ -10,14 +10,12 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from platform import python_version
 from typing import Any
 
 from cell.errors import InputError, PickproofError
 from scenarios.files import StoreError
-from scenarios.records import AttemptRecord, EpisodeRecord
+from scenarios.records import AttemptRecord, EpisodeRecord, Rows
 
 FILE = "results.sqlite"
 SCHEMA_VERSION = 2
@@ -43,17 +41,9 @@ CREATE TABLE pictures (
 _ATTEMPT_COLUMNS = [f.name for f in fields(AttemptRecord) if f.name != "pictures"]
 _JSON_COLUMNS = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints")
 _EPISODE_COLUMNS = [f.name for f in fields(EpisodeRecord)]
-
-
-def versions() -> dict[str, str]:
-    """Versions of what decides the results."""
-    found = {"python": python_version()}
-    for package in ("pickproof", "numpy", "pybullet", "torch"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+_LARGE_COLUMNS = ("tree", "waypoints")
+_ADDED_COLUMNS = {"place_mm": "REAL", "place_deg": "REAL", "waypoints": "TEXT"}  # that version 1 did not know
+_PATIENCE_S = 30.0  # [s] a writer waits for another program that holds the file
 
 
 class Store:
@@ -94,12 +84,13 @@ class Store:
 
     @staticmethod
     def resume(directory: Path) -> Store:
-        """Open the results in `directory` to continue them."""
+        """Open the results in `directory` to continue them; an older schema is brought up to date first."""
         path = _existing(directory)
         lock = _lock(directory)
         try:
             store = Store(path, _connect(path, "rw"), lock)
             store._check()
+            store._migrate()
         except BaseException:
             os.close(lock)
             raise
@@ -164,15 +155,20 @@ class Store:
             for table in ("attempts", "pictures"):
                 self._db.execute(f"DELETE FROM {table} WHERE {where}", (seed,))
 
-    def attempts(self) -> list[AttemptRecord]:
-        """All attempts in order of seed and attempt, without their pictures."""
+    def attempts(self, seed: int | None = None, large: bool = True) -> list[AttemptRecord]:
+        """Attempts in order of seed and attempt, without their pictures: of one episode, or all.
+
+        Args:
+            large: with tree and waypoints, which are most of the file; None in the records without.
+        """
+        left_out = () if large else _LARGE_COLUMNS
         with self._errors():
-            there = {row[1] for row in self._db.execute("PRAGMA table_info(attempts)")}
-            columns = [
-                name for name in _ATTEMPT_COLUMNS if name in there
-            ]  # version 1 knew neither placement error nor waypoints
-            query = f"SELECT {', '.join(columns)} FROM attempts ORDER BY seed, attempt"
-            return [_attempt(dict(zip(columns, row, strict=True))) for row in self._db.execute(query)]
+            there = self._columns()  # version 1 knew neither placement error nor waypoints
+            columns = [name for name in _ATTEMPT_COLUMNS if name in there and name not in left_out]
+            which, values = ("", ()) if seed is None else (" WHERE seed = ?", (seed,))
+            query = f"SELECT {', '.join(columns)} FROM attempts{which} ORDER BY seed, attempt"
+            rows = self._db.execute(query, values)
+            return [_attempt(dict(zip(columns, row, strict=True))) for row in rows]
 
     def episodes(self) -> list[EpisodeRecord]:
         """All episodes that ended, in order of seed."""
@@ -185,6 +181,20 @@ class Store:
         query = "SELECT name, png FROM pictures WHERE seed = ? AND attempt = ? ORDER BY rowid"
         with self._errors():
             return dict(self._db.execute(query, (seed, attempt)).fetchall())
+
+    def _columns(self) -> set[str]:
+        return {row[1] for row in self._db.execute("PRAGMA table_info(attempts)")}
+
+    def _migrate(self) -> None:
+        """Add what an older version did not know, all or nothing."""
+        with self._errors(), self._db:
+            if self._db.execute("PRAGMA user_version").fetchone()[0] == SCHEMA_VERSION:
+                return
+            self._db.execute("BEGIN IMMEDIATE")
+            for name in sorted(_ADDED_COLUMNS.keys() - self._columns()):
+                self._db.execute(f"ALTER TABLE attempts ADD COLUMN {name} {_ADDED_COLUMNS[name]}")
+            self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        self.set_meta({"schema_version": SCHEMA_VERSION})
 
     def _check(self) -> None:
         try:
@@ -216,14 +226,19 @@ def record_hash(attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRec
     """
     digest = hashlib.sha256()
     for a in sorted(attempts, key=lambda a: (a.seed, a.attempt)):
-        chosen = (a.estimate_T_world_part, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
+        pose = None if a.estimate_T_world_part is None else _hex(a.estimate_T_world_part)
+        chosen = (pose, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
         outcome = (a.moved, a.success, str(a.reason), a.parts_in_bin_before, a.n_estimates)
-        line = ["attempt", a.seed, a.attempt, outcome, chosen, a.part_poses_after]
-        digest.update(json.dumps(_exact(line)).encode() + b"\n")
+        line = [*_exact(["attempt", a.seed, a.attempt, outcome, chosen]), _hex(a.part_poses_after)]
+        digest.update(json.dumps(line).encode() + b"\n")
     for e in sorted(episodes, key=lambda e: e.seed):
         line = ["episode", e.seed, e.parts_dropped, e.parts_picked, e.end, e.attempts]
         digest.update(json.dumps(_exact(line)).encode() + b"\n")
     return digest.hexdigest()
+
+
+def _hex(rows: Rows) -> list[list[str]]:
+    return [list(map(float.hex, row)) for row in rows]
 
 
 def _exact(value: Any) -> Any:
@@ -253,7 +268,7 @@ def _existing(directory: Path) -> Path:
 
 def _connect(path: Path, mode: str) -> sqlite3.Connection:
     try:
-        return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=5.0)
+        return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=_PATIENCE_S)
     except sqlite3.Error as error:
         raise _explain(path, error) from None
 
@@ -273,8 +288,8 @@ def _explain(path: Path, error: sqlite3.Error) -> PickproofError:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return InputError(path, "", str(error), "a file that `pickproof run` wrote")
-    if code == sqlite3.SQLITE_FULL:
+    if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
         return StoreError(f"{path}: {error}; attempts up to here are kept, make room and continue with --resume")
     if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-        return StoreError(f"{path}: {error}; another program is writing to it")
+        return StoreError(f"{path}: {error}; another program holds it, continue with --resume when it has let go")
     return StoreError(f"{path}: {error}")

@@ -17,8 +17,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from scenarios.campaign import Event
 from scenarios.files import write_json
+from scenarios.pool import Event
 from scenarios.records import ENDS, AttemptRecord, EpisodeRecord, Reason
 from scenarios.statistics import cluster_interval, wilson
 from scenarios.store import Store, record_hash
@@ -32,7 +32,7 @@ def summarise(store: Store) -> dict[str, Any]:
     Rates count attempts, finished episodes or not; clearance and ends count finished episodes. Mean times are over
     attempts that were carried out. `reasons` holds the no-picks too.
     """
-    meta, records, episodes = store.meta(), store.attempts(), store.episodes()
+    meta, records, episodes = store.meta(), store.attempts(large=False), store.episodes()
     moved = [a for a in records if a.moved]
     successes = sum(a.success for a in moved)
     per_episode: dict[int, list[int]] = {}
@@ -43,11 +43,13 @@ def summarise(store: Store) -> dict[str, Any]:
     rate = successes / len(moved) if moved else None
     dropped = sum(e.parts_dropped for e in episodes)
     cycle = _mean_cycle([a for a in moved if a.reason != Reason.SIMULATION_ERROR])
-    in_episodes = sum(1 for a in moved if a.seed in {e.seed for e in episodes})
+    ended = {e.seed for e in episodes}
+    in_episodes = sum(a.seed in ended for a in moved)
     return {
         "scenario": json.loads(meta["scenario"])["name"],
         "scenario_hash": meta["scenario_hash"],
         "weights_hash": meta["weights_hash"],
+        "inputs_hash": meta.get("inputs_hash", ""),
         "seed": meta["seed"],
         "episodes": len(episodes),
         "oracle": meta["oracle"],
@@ -165,32 +167,42 @@ class LiveView:
         elif event.episode is not None:
             e = self._ended[event.seed] = event.episode
             tried = sum(a.moved for a in mine)
-            self._console.print(
+            line = (
                 f"episode {e.seed}: {e.end}, {e.parts_picked} of {e.parts_dropped} picked in {tried} attempts, "
                 f"{e.wall_s:.0f} s"
             )
+            # where there is no terminal, the lines are all the progress that one sees
+            self._console.print(line if self._console.is_terminal else f"{line}; {self._so_far()}", soft_wrap=True)
         else:
             mine.clear()
-            self._console.print(f"episode {event.seed}: its worker died, run again")
+            self._console.print(f"episode {event.seed}: its worker died or hung, run again")
 
     def render(self) -> Group:
         """Progress, time left, rate and reasons."""
         records = [a for mine in list(self._of_seed.values()) for a in list(mine)]
-        moved = sum(a.moved for a in records)
-        good = sum(a.success for a in records)
-        ended = self._before + len(self._ended)
-        # an episode that runs counts by the share of its workpieces that are out
+        moved, good = sum(a.moved for a in records), sum(a.success for a in records)
+        rate = percent(good / moved) if moved else "-"
+        rates = f"pick success {rate}  ({good} of {moved}; 95 % Wilson {interval(wilson(good, moved))})"
+        reasons = Counter(str(a.reason) for a in records if not a.success)
+        bar = ProgressBar(total=self._total, completed=self._finished(), width=60)
+        return Group(
+            bar,
+            Text(self._so_far()),
+            Text(rates, style="bold"),
+            Text(f"failures and no-picks: {_counts(reasons.most_common())}"),
+        )
+
+    def _finished(self) -> float:
+        """Episodes that ended; one that runs counts by the share of its workpieces that are out."""
         running = sum(
             min(0.95, sum(a.success for a in list(mine)) / self._parts)
             for seed, mine in list(self._of_seed.items())[self._before :]
             if seed not in self._ended
         )
-        line = Text(f"{ended} of {self._total} episodes, {self._left(ended + running)}")
-        rate = percent(good / moved) if moved else "-"
-        rates = f"pick success {rate}  ({good} of {moved}; 95 % Wilson {interval(wilson(good, moved))})"
-        reasons = Counter(str(a.reason) for a in records if not a.success)
-        bar = ProgressBar(total=self._total, completed=ended + running, width=60)
-        return Group(bar, line, Text(rates, style="bold"), Text(f"failures and no-picks: {_counts(reasons.items())}"))
+        return self._before + len(self._ended) + running
+
+    def _so_far(self) -> str:
+        return f"{self._before + len(self._ended)} of {self._total} episodes, {self._left(self._finished())}"
 
     def _left(self, finished: float) -> str:
         elapsed, share = time.monotonic() - self._begun, finished - self._before

@@ -92,9 +92,18 @@ def plan(name: str, axes: Sequence[Axis], seed: int | None, out: Path) -> list[P
 
 
 def run_point(
-    point: Point, episodes: int, workers: int, oracle: frozenset[str], runner: Runner, command: str
+    point: Point,
+    episodes: int,
+    workers: int,
+    oracle: frozenset[str],
+    runner: Runner,
+    command: str,
+    expected_s: dict[int, float],
 ) -> dict[str, Any]:
-    """The summary of a combination's campaign, which is run, continued, or read where it is finished."""
+    """The summary of a combination's campaign, which is run, continued, or read where it is finished.
+
+    `expected_s` holds what each seed's episode took last [s]; it is brought up to date.
+    """
     run_campaign(
         point.scenario,
         episodes=episodes,
@@ -104,12 +113,14 @@ def run_point(
         out=point.folder,
         runner=runner,
         weights_hash=weights_used(point.scenario, oracle),
+        expected_s=expected_s,
         command=command,
         resume=(point.folder / FILE).is_file(),
         pictures=False,
     )
     with Store.read(point.folder) as store:
         summary = summarise(store)
+        expected_s.update((e.seed, e.wall_s) for e in store.episodes())
     write_summary(point.folder, summary)
     return summary
 
@@ -197,12 +208,12 @@ def main(args: argparse.Namespace) -> int:
     points = plan(args.scenario, axes, args.seed, out)
     for point in points:
         check_inputs(point.scenario, oracle)
-    console, rows = Console(), []
+    console, rows, lasted_s = Console(), [], dict[int, float]()
     for i, point in enumerate(points):
         values = {a.field: v for a, v in zip(axes, point.values, strict=True)}
         with console.status(f"{i + 1} of {len(points)}: {values}"):
             summary = run_point(
-                point, args.episodes, args.workers, oracle, run_episode, f"pickproof {shlex.join(args.words)}"
+                point, args.episodes, args.workers, oracle, run_episode, f"pickproof {shlex.join(args.words)}", lasted_s
             )
         rows.append({"values": values, "folder": point.folder.name, "summary": summary})
         write_json(out / "sweep.json", {"fields": [a.field for a in axes], "rows": rows})

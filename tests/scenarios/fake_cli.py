@@ -2,9 +2,9 @@
 
 import sys
 
-import fake_episode
+if __name__ == "__main__":  # worker processes import this file too, and need no more of it
+    import fake_episode
 
-if __name__ == "__main__":
     sys.modules["scenarios.episode"] = fake_episode
     import scenarios.workcell
     from scenarios.cli import main

@@ -1,6 +1,7 @@
 """An episode without physics, importable by name in worker processes: the campaign takes its runner as an argument.
 
-The gripper of the scenario says how it misbehaves: `slow`, `dies`, `dies_once:FILE`, `hangs`, `broken`, `buggy` ...
+The gripper of the scenario says how it misbehaves: `slow`, `dies`, `dies_once:FILE`, `killed:FILE`, `hangs`, `broken`,
+`buggy` ...
 """
 
 from __future__ import annotations
@@ -81,11 +82,16 @@ def fake_attempt(
 
 def misbehave(how: str) -> None:
     kind, _, file = how.partition(":")
+    if kind == "killed":  # twice, from outside
+        marks = [Path(f"{file}.{i}") for i in range(2)]
+        if missing := [mark for mark in marks if not mark.exists()]:
+            missing[0].touch()
+            os.kill(os.getpid(), signal.SIGKILL)
     if kind == "dies_once" and not Path(file).exists():
         Path(file).touch()
         kind = "dies"
     if kind == "dies":
-        os.kill(os.getpid(), signal.SIGKILL)
+        os.kill(os.getpid(), signal.SIGSEGV)
     if kind == "hangs":
         time.sleep(3600)
     if kind == "broken":

@@ -17,9 +17,9 @@ from scenarios.store import FILE, Store
 FAKE = [sys.executable, str(Path(__file__).with_name("fake_cli.py"))]
 SMALL = ["--set", "count=6", "--set", "stop.attempt_limit=20"]
 KEYS = {
-    "scenario", "scenario_hash", "weights_hash", "seed", "episodes", "oracle", "attempts", "successes", "success_rate",
-    "wilson95", "cluster95", "clearance", "no_picks", "reasons", "ends", "cycle_s", "picks_per_hour", "wall_s",
-    "wall_per_attempt_s", "record_hash",
+    "scenario", "scenario_hash", "weights_hash", "inputs_hash", "seed", "episodes", "oracle", "attempts", "successes",
+    "success_rate", "wilson95", "cluster95", "clearance", "no_picks", "reasons", "ends", "cycle_s", "picks_per_hour",
+    "wall_s", "wall_per_attempt_s", "record_hash",
 }  # fmt: skip
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from fake_episode import fake_attempt, run_episode
 
+from scenarios.inputs import versions
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.report import choose_shown, fill_levels, grasp_points, write_report
 from scenarios.scenario import load_scenario, scenario_hash, scenario_json
-from scenarios.store import Store, versions
+from scenarios.store import Store
 from scenarios.summary import summarise
 
 

@@ -134,9 +134,27 @@ def test_results_of_the_first_version_are_still_read(tmp_path):
         store.add_attempt(fake_attempt(0, 0, 5, 5, np.random.default_rng(0), False))
         written = store.attempts()
     with sqlite3.connect(tmp_path / FILE) as db:
-        for name in ("place_mm", "place_deg"):
+        for name in ("place_mm", "place_deg", "waypoints"):
             db.execute(f"ALTER TABLE attempts DROP COLUMN {name}")
         db.execute("PRAGMA user_version = 1")
     db.close()
     with Store.read(tmp_path) as store:
         assert store.attempts() == written
+    with Store.resume(tmp_path) as store:  # brought up to date, so that it can be written to
+        second = fake_attempt(0, 1, 4, 4, np.random.default_rng(1), False)
+        store.add_attempt(second)
+        assert store.attempts() == [*written, second]
+        assert store.meta()["schema_version"] == SCHEMA_VERSION
+    with Store.resume(tmp_path) as store:
+        assert store.attempts() == [*written, second]
+
+
+def test_one_episode_and_what_is_small_of_it(tmp_path):
+    records = attempts(0) + attempts(1)
+    with Store.create(tmp_path, META) as store:
+        for a in records:
+            store.add_attempt(a)
+        assert store.attempts(1) == [dataclasses.replace(a, pictures={}) for a in records[6:]]
+        small = store.attempts(large=False)
+        assert {a.tree for a in small} == {None}
+        assert record_hash(small, []) == record_hash(store.attempts(), [])

@@ -20,14 +20,15 @@ from cell.frames import Array, apply
 from robots.inverse import SIGMA_MIN, branch, flange_poses, inverse
 from robots.law import Law, rise, s_curve
 from robots.model import RobotModel
-from robots.timing import JointPath, Motion
+from robots.timing import JointPath
 
 SHAPES = ((1.0, 1.0), (1.0, 0.8), (0.5, 0.7))  # speed and acceleration of the turn, of what joints allow
 HARD = (1.0, 0.75)  # jerk along the lines, of what joints allow
 SHARE = 0.35  # of a line, over which the tool speeds up
 OFF_LINE = 0.0005  # [m] any corner of hand or part may leave what must be straight
-MARGIN, TOOL_MARGIN = 0.995, 0.98  # of the joints' limits and of the tool's acceleration
-SAMPLES = 36  # points in time at which limits are measured
+MARGIN, TOOL_MARGIN = 0.99, 0.98  # of the joints' limits and of the tool's acceleration
+SAMPLES = 36  # points in time at which limits are measured for a choice
+FINE = 400  # and of what was chosen
 TABLE = 33  # points at which a line's derivatives are kept
 _SPEED, _ACCELERATION, _HARD = np.array([(*shape, hard) for shape, hard in product(SHAPES, HARD)]).T
 
@@ -126,28 +127,42 @@ class Between:
     corners: Array
     limit: float | None = None
 
-    def quickest(self, form: Form, speed: float) -> tuple[float, float, Motion]:
-        """Seconds, scale and motion of the quickest flight of a form, at `speed` of the arm's.
-
-        The scale is how many times as fast as its own laws the motion may run; limits are those of joints and tool.
-        """
-        model, laws = self.model, [line and line[0] for line in self._lines]
+    def quickest(self, form: Form, speed: float) -> tuple[float, Flight]:
+        """The quickest flight of a form, and about the seconds that it takes at `speed` of the arm's."""
+        laws = [line and line[0] for line in self._lines]
         turn, waits, total = self._timing(form)
-        times = np.linspace(0.0, 1.0, SAMPLES) * total[:, None]
-        q, *rates = self._measured(form, laws, turn, waits[0], total, times)
-        limits = (model.velocity, model.acceleration, model.jerk)
-        use = [np.abs(rate / limit).max(axis=(1, 2)) for rate, limit in zip(rates, limits, strict=True)]
-        scale = speed * MARGIN / np.max([use[0], np.sqrt(use[1]), np.cbrt(use[2])], axis=0)
-        if self.limit is not None:
-            points = (flange_poses(model, q.reshape(-1, 6)) @ self.T_flange_tool[:, 3])[:, :3].reshape(*q.shape[:2], 3)
-            shaken = np.linalg.norm(points[:, 2:] - 2 * points[:, 1:-1] + points[:, :-2], axis=-1).max(axis=1)
-            scale = np.minimum(scale, TOOL_MARGIN * np.sqrt(self.limit / (shaken + 1e-12)) * times[:, 1])
-        k = int(np.argmin(total / scale))
+        seconds = total / (speed * self._fastest(form, laws, turn, waits[0], total, SAMPLES, speed))
+        k = int(np.argmin(seconds))
         first, last = (turn.row(k) if law is None else law.row(k) for law in laws)
         flight = Flight(
             self.start, self.end, first, turn.row(k), last, form.raised, float(waits[0][k]), float(total[k])
         )
-        return float(total[k] / scale[k]), float(scale[k]), Motion((flight,), self.end.q)
+        return float(seconds[k]), flight
+
+    def scale(self, flight: Flight, speed: float) -> float:
+        """How many times as fast as its own laws a flight may run for the limits of joints and tool.
+
+        They are measured at so many points that no phase is missed.
+        """
+        form, one = Form((0.0, 0.0), flight.raised), np.ones(1)
+        laws = [None if e.path is None else law for e, law in ((self.start, flight.first), (self.end, flight.last))]
+        total = one * flight.duration
+        return speed * float(self._fastest(form, laws, flight.turn, one * flight.wait, total, FINE, speed)[0])
+
+    def _fastest(
+        self, form: Form, laws: list[Law | None], turn: Law, wait: Array, total: Array, samples: int, speed: float
+    ) -> Array:
+        """How many times as fast (n,) flights may run for the limits of joints, and of the tool at `speed`."""
+        model, times = self.model, np.linspace(0.0, 1.0, samples) * total[:, None]
+        q, *rates = self._measured(form, laws, turn, wait, total, times)
+        limits = (model.velocity, model.acceleration, model.jerk)
+        use = [np.abs(rate / limit).max(axis=(1, 2)) for rate, limit in zip(rates, limits, strict=True)]
+        scale = MARGIN / np.max([use[0], np.sqrt(use[1]), np.cbrt(use[2])], axis=0)
+        if self.limit is not None:
+            points = (flange_poses(model, q.reshape(-1, 6)) @ self.T_flange_tool[:, 3])[:, :3].reshape(*q.shape[:2], 3)
+            shaken = np.linalg.norm(points[:, 2:] - 2 * points[:, 1:-1] + points[:, :-2], axis=-1).max(axis=1)
+            scale = np.minimum(scale, TOOL_MARGIN * np.sqrt(self.limit / (shaken + 1e-12)) * times[:, 1] / speed)
+        return np.asarray(scale)
 
     def raised(self, heights: Array) -> list[Array | None]:
         """What raises the tool in the middle of the turn by each height (n,) in [m], as `Form` has it.

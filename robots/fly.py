@@ -11,7 +11,7 @@ from cell.frames import Array, apply
 from robots.collision import CollisionScene, Mode
 from robots.dynamics import bearable
 from robots.failure import Refusal
-from robots.flight import Between, End, Form
+from robots.flight import Between, End, Flight, Form
 from robots.inverse import flange_poses
 from robots.stop import Line, Pace, Stop
 from robots.timing import JointPath, Motion
@@ -33,8 +33,7 @@ class _Candidate:
     seconds: float
     number: int
     node: _Node = field(compare=False)
-    scale: float = field(compare=False)
-    motion: Motion = field(compare=False)
+    flight: Flight = field(compare=False)
 
 
 def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, forms: int) -> Trajectory | None:
@@ -58,28 +57,21 @@ def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, fo
         seen.add(node)
         b = raised[height]
         assert b is not None
-        heappush(waiting, _Candidate(*_timed(between, Form((WAITS[k0], WAITS[k1]), b), pace, len(seen), node)))
+        seconds, flight = between.quickest(Form((WAITS[k0], WAITS[k1]), b), pace.speed)
+        heappush(waiting, _Candidate(seconds, len(seen), node, flight))
 
     add((0, 0, 0))
     while waiting and len(seen) < forms:
         tried = heappop(waiting)
-        hit = _hit(scene, tried.motion, start, end)
+        motion = Motion((tried.flight,), end.q)
+        hit = _hit(scene, motion, start, end)
         if hit is None:
-            scale = bearable(scene.robot, tried.motion, tried.scale, pace.load)
-            return (
-                None if isinstance(scale, Refusal) else Trajectory(name, *tried.motion.sampled(pace.dt, scale), pace.dt)
-            )
+            scale = bearable(scene.robot, motion, between.scale(tried.flight, pace.speed), pace.load)
+            return None if isinstance(scale, Refusal) else Trajectory(name, *motion.sampled(pace.dt, scale), pace.dt)
         k0, k1, height = tried.node
         add((k0 + 1, k1, height) if hit < 0.5 else (k0, k1 + 1, height))
         add((k0, k1, height + 1))
     return None
-
-
-def _timed(
-    between: Between, form: Form, pace: Pace, number: int, node: _Node
-) -> tuple[float, int, _Node, float, Motion]:
-    seconds, scale, motion = between.quickest(form, pace.speed)
-    return seconds, number, node, scale, motion
 
 
 def _end(stop: Stop) -> End | None:

@@ -35,6 +35,7 @@ class MotionLog:
         max_force_link, max_force_against: which link, and what it touched; empty when nothing was touched.
         max_finger_force: largest normal force [N] of a static box on a finger.
         touched: names of everything that the arm or the gripper's body touched.
+        rows: of the trajectory that were commanded, the one at which it stopped included.
         stopped: the trajectory was cut short because `max_force` reached `stop_above`, or because something held the
             arm back by more than MAX_ERROR.
     """
@@ -46,6 +47,7 @@ class MotionLog:
     max_force_against: str = ""
     max_finger_force: float = 0.0
     touched: set[str] = field(default_factory=set)
+    rows: int = 0
     stopped: bool = False
 
     def __add__(self, other: MotionLog) -> MotionLog:
@@ -59,6 +61,7 @@ class MotionLog:
             max_force_against=harder.max_force_against,
             max_finger_force=max(self.max_finger_force, other.max_finger_force),
             touched=self.touched | other.touched,
+            rows=self.rows + other.rows,
             stopped=self.stopped or other.stopped,
         )
 
@@ -93,6 +96,7 @@ def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -
     log = MotionLog()
     for row in np.atleast_2d(q):
         arm.command(row)
+        log.rows += 1
         _step(world)
         error = float(np.abs(arm.q - row).max())
         log.max_error = max(log.max_error, error)

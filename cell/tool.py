@@ -94,6 +94,14 @@ class Gripper(ABC):
         """Of everything behind the flange in [kg]."""
         return self.body_mass + sum(link.mass for link in self.links())
 
+    @property
+    def centre(self) -> Array:
+        """Centre of mass (3,) in the flange frame in [m]: of boxes that are equally dense, what moves at travel 0."""
+        boxes = [(float(np.prod(b.size)), np.array(b.centre)) for b in self.body]
+        body = sum(volume * centre for volume, centre in boxes) / sum(volume for volume, _ in boxes)
+        moving = [(link.mass, np.mean([shape.centre for shape in link.shapes], axis=0)) for link in self.links()]
+        return np.asarray((self.body_mass * body + sum(mass * centre for mass, centre in moving)) / self.mass)
+
     def body_boxes(self) -> list[Box]:
         """The boxes that do not move with the fingers."""
         to_tool = np.linalg.inv(self.T_flange_tool)

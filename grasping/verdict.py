@@ -20,6 +20,7 @@ class Verdict(StrEnum):
     NO_IK = "no_ik"
     JOINT_LIMIT = "joint_limit"
     SINGULARITY = "singularity"
+    TORQUE = "torque"
     HELD_BIN = "held_bin"
     PATH_BLOCKED = "path_blocked"
     OUTRANKED = "outranked"
@@ -36,6 +37,7 @@ MEANING = {
     Verdict.NO_IK: "out of the arm's reach",
     Verdict.JOINT_LIMIT: "a joint would leave its range",
     Verdict.SINGULARITY: "the arm would stand too close to a singularity",
+    Verdict.TORQUE: "a motor would be too weak for the load",
     Verdict.HELD_BIN: "the held workpiece would touch the bin on the way out",
     Verdict.PATH_BLOCKED: "no motion without collision was found",
     Verdict.OUTRANKED: "better ones were enough",

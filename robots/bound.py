@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from cell.frames import invert
-from robots.join import Line, Pace, duration
+from robots.failure import Refusal
+from robots.join import duration
 from robots.model import RobotModel
 from robots.plan import UP, PickPlan, PickRequest
+from robots.stop import Line, Pace
 from robots.timing import Motion, rest_to_rest
 from robots.trajectory import move_motion, path_motion
 
@@ -29,8 +30,7 @@ def stop_at_each(robot: RobotModel, request: PickRequest, plan: PickPlan) -> flo
 
     Infinite where one of the lines, which the plan may have cut short, cannot be travelled to its end.
     """
-    free = Pace(request.speed, request.dt, request.T_flange_tool)
-    slow = replace(free, acceleration=request.carry_acceleration)
+    free, slow = request.free, request.slow
     T_flange_grasp = request.T_base_tool_grasp @ invert(request.T_flange_tool)
     q_grasp, q_place = plan.lift.q[0], plan.carry.q[-1]
     T_flange_place = request.Ts_base_tool_place[plan.place] @ invert(request.T_flange_tool)
@@ -38,9 +38,9 @@ def stop_at_each(robot: RobotModel, request: PickRequest, plan: PickPlan) -> flo
     out = Line(robot, T_flange_grasp, q_grasp, request.retract * np.array(request.retract_direction))
     down = Line(robot, T_flange_place, q_place, request.place_height * UP)
     paths = [line.path for line in (into, out, down)]
-    if any(isinstance(path, str) for path in paths):
+    if any(isinstance(path, Refusal) for path in paths):
         return float("inf")
-    above_grasp, lifted, above_place = (np.asarray(path.end) for path in paths if not isinstance(path, str))
+    above_grasp, lifted, above_place = (np.asarray(path.end) for path in paths if not isinstance(path, Refusal))
     # Coming from the last place, as high above it as above this one.
     q_over = above_place if request.depart else request.q_start
     motions: list[tuple[Motion, Pace]] = [
@@ -48,7 +48,7 @@ def stop_at_each(robot: RobotModel, request: PickRequest, plan: PickPlan) -> flo
         (move_motion(robot, lifted, above_place), slow),
     ]
     for path, pace in zip(paths, (free, slow, slow), strict=True):
-        if not isinstance(path, str):
+        if not isinstance(path, Refusal):
             motions.append((path_motion(robot, path), pace))
             if path is paths[2] and request.depart:
                 motions.append((path_motion(robot, path), free))

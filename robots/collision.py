@@ -18,11 +18,11 @@ import pinocchio as pin
 
 from cell.bin import Box
 from cell.frames import Array, apply
+from robots.failure import Contact
 from robots.inverse import flange_poses
 from robots.model import RobotModel
 
 Mode = Literal["transit", "contact"]
-Contact = tuple[str, str]
 
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
 PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
@@ -74,9 +74,9 @@ class CollisionScene:
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
         self._ground = None if heightfield is None else _ground(heightfield)
         self._held: tuple[Box, ...] = ()
-        self._last_held: tuple[Box, ...] = ()
         self._tolerance = 0.0
         self._checkers: dict[bool, _Checker] = {}
+        self._corners_of: tuple[tuple[Box, ...] | None, Array] = (None, np.zeros((0, 3)))
 
     def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005) -> None:
         """Attach a part, given as boxes in the flange frame; in mode `contact` it is `tolerance` [m] smaller all round.
@@ -85,10 +85,10 @@ class CollisionScene:
         reading as a collision.
         """
         held = tuple(boxes_flange)
-        known = len(held) == len(self._last_held) and all(a is b for a, b in zip(held, self._last_held, strict=True))
-        if not known or tolerance != self._tolerance:
-            self._checkers.pop(True, None)
-        self._held, self._last_held, self._tolerance = held, held, tolerance
+        known = self._checkers.get(True)
+        if known is not None and not known.takes(held, tolerance):
+            del self._checkers[True]
+        self._held, self._tolerance = held, tolerance
 
     @property
     def held(self) -> tuple[Box, ...]:
@@ -124,6 +124,11 @@ class CollisionScene:
         """Like `free_path`, but names a pair that touches somewhere on the way, or None."""
         q = self._blocked(qs, mode)
         return None if q is None else self._checker(mode).contact(q)
+
+    def blocked_at(self, qs: Array, mode: Mode = "transit") -> float | None:
+        """Like `free_path`, but says near which index of qs (n, 6) something touches, or None."""
+        q = self._blocked(qs, mode)
+        return None if q is None else float(np.argmin(np.abs(np.asarray(qs) - q).max(axis=1)))
 
     def _blocked(self, qs: Array, mode: Mode) -> Array | None:
         """A joint vector (6,) on the polyline at which something touches, or None.
@@ -175,7 +180,11 @@ class CollisionScene:
     @property
     def corners(self) -> Array:
         """Corners (n, 3) of tool and held part, and the flange, in the flange frame."""
-        return np.concatenate([np.zeros((1, 3)), *(_corners(b) for b in (*self.tool_boxes, *self._held))])
+        known, corners = self._corners_of
+        if known is not self._held:
+            corners = np.concatenate([np.zeros((1, 3)), *(_corners(b) for b in (*self.tool_boxes, *self._held))])
+            self._corners_of = self._held, corners
+        return corners
 
     def _checker(self, mode: Mode) -> _Checker:
         held = bool(self._held)
@@ -198,14 +207,10 @@ class _Checker:
         last = self.model.njoints - 1
         T_joint_flange = frames[scene.robot.flange].placement
 
-        sizes = [np.maximum(np.array(b.size) - 2 * tolerance, 1e-4) for b in held]
-        shrunk = [
-            replace(b, size=(float(size[0]), float(size[1]), float(size[2])))
-            for b, size in zip(held, sizes, strict=True)
-        ]
         tool = [self._add(b.name, last, T_joint_flange, b) for b in scene.tool_boxes]
         part = [self._add("held", last, T_joint_flange, b) for b in held]
-        slim = [self._add("held", last, T_joint_flange, b) for b in shrunk]
+        slim = [self._add("held", last, T_joint_flange, _smaller(b, tolerance)) for b in held]
+        self._held, self._tolerance, self._parts, self._T_joint_flange = held, tolerance, (part, slim), T_joint_flange
         fixed = [self._add(b.name, 0, pin.SE3.Identity(), b) for b in scene.obstacles]
         ground = []
         if scene._ground is not None:
@@ -219,16 +224,13 @@ class _Checker:
         pairs += [(p, a) for p in part + slim for a, i in links if i <= 5]
         pairs += [(m, f) for m in arm + tool + part + slim for f in fixed]
         pairs += [(m, g) for m in arm + tool + part for g in ground]
-        # every pair's index a must be the smaller one to be found again
-        pairs = [(min(p), max(p)) for p in pairs]
-        wanted = np.zeros((len(self.names), len(self.names)), dtype=bool)
-        wanted[tuple(np.array(pairs).T)] = True
-        self.geometry.setCollisionPairs(wanted)
+        pairs = sorted({(min(p), max(p)) for p in pairs})
+        for pair in pairs:
+            self.geometry.addCollisionPair(pin.CollisionPair(*pair))
         self.geometry_data = self.geometry.createData()
-        index = {(p.first, p.second): k for k, p in enumerate(self.geometry.collisionPairs)}
-        slim_only = [k for p, k in index.items() if set(p) & set(slim)]
+        slim_only = [k for k, p in enumerate(pairs) if set(p) & set(slim)]
         transit_only = [
-            k for p, k in index.items() if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
+            k for k, p in enumerate(pairs) if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
         ]
         self._only: dict[Mode, list[int]] = {"transit": transit_only, "contact": slim_only}
         self._carried = {*tool, *part, *slim}
@@ -237,6 +239,19 @@ class _Checker:
         self.broadphase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
             self.model, self.geometry, self.geometry_data
         )
+
+    def takes(self, held: tuple[Box, ...], tolerance: float) -> bool:
+        """Hold boxes of the same sizes as before in another place; False where the sizes differ."""
+        if tolerance != self._tolerance or [b.size for b in held] != [b.size for b in self._held]:
+            return False
+        if any(a is not b for a, b in zip(held, self._held, strict=True)):
+            for indices in self._parts:
+                for k, box in zip(indices, held, strict=True):
+                    self.geometry.geometryObjects[k].placement = self._T_joint_flange * pin.SE3(
+                        np.array(box.T_world_box)
+                    )
+            self._held = held
+        return True
 
     def turn_to(self, mode: Mode) -> None:
         """Check the pairs of a mode."""
@@ -297,6 +312,11 @@ def _ground(field: HeightField) -> tuple[coal.CollisionGeometry, pin.SE3]:
 def _corners(box: Box) -> Array:
     signs = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64) - 0.5
     return apply(box.T_world_box, signs * np.array(box.size))
+
+
+def _smaller(box: Box, tolerance: float) -> Box:
+    x, y, z = (max(edge - 2 * tolerance, 1e-4) for edge in box.size)
+    return replace(box, size=(x, y, z))
 
 
 def _split(cells: Array, length: float) -> Array:

@@ -8,8 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from cell.frames import Array
+from robots.failure import Cause, Refusal
 from robots.model import RobotModel
+from robots.timing import Motion
 from robots.trajectory import Trajectory
+
+CHECKED, EACH = 64, 4  # points in time at which the torques of a motion are looked at; steps between them
+TORQUE_MARGIN = 0.95  # of the limits, for what lies between these
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,6 +23,11 @@ class Load:
 
     mass: float
     centre: Array
+
+    def __add__(self, other: Load) -> Load:
+        """Both as one."""
+        mass = self.mass + other.mass
+        return Load(mass, (self.mass * self.centre + other.mass * other.centre) / mass if mass else self.centre)
 
 
 def overload(robot: RobotModel, load: Load) -> str:
@@ -35,6 +45,27 @@ def torques(robot: RobotModel, trajectory: Trajectory, load: Load | None = None)
     acceleration = (trajectory.qd[2:] - trajectory.qd[:-2]) / (2 * trajectory.dt)
     rows = zip(trajectory.q[1:-1], trajectory.qd[1:-1], acceleration, strict=True)
     return np.array([pin.rnea(model, data, q, v, a) for q, v, a in rows]).reshape(-1, 6)
+
+
+def bearable(robot: RobotModel, motion: Motion, scale: float, load: Load | None = None) -> float | Refusal:
+    """How many times as fast as its own law a motion may run, `scale` at most, or the joint that cannot even hold it.
+
+    Torques are those of gravity and, with the square of the scale, of the motion.
+    """
+    model = robot.kinematics if load is None else _loaded(robot, load)
+    data, still = model.createData(), np.zeros(6)
+    step = motion.duration / (CHECKED * EACH)
+    q, qd = motion.sampled(step)
+    q, qd, acceleration = (rows[::EACH] for rows in (q, qd, np.gradient(qd, step, axis=0)))
+    limit = TORQUE_MARGIN * robot.effort
+    gravity = np.array([pin.rnea(model, data, x, still, still) for x in q])
+    room = limit - np.abs(gravity)
+    if (room <= 0).any():
+        return Refusal(Cause.TORQUE, joint=int(np.argmin(room.min(axis=0))) + 1)
+    moving = np.array([pin.rnea(model, data, *row) for row in zip(q, qd, acceleration, strict=True)]) - gravity
+    # |gravity + scale^2 moving| <= limit on the side that is reached first
+    room = np.where(moving * gravity >= 0, room, limit + np.abs(gravity))
+    return float(min(scale, np.sqrt((room / np.maximum(np.abs(moving), 1e-9)).min())))
 
 
 def torque_share(robot: RobotModel, trajectory: Trajectory, load: Load | None = None) -> Array:

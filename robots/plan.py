@@ -13,20 +13,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from enum import IntEnum
-from typing import Literal
 
 import numpy as np
 
 from cell.bin import Box
 from cell.frames import Array, invert
 from robots.collision import CollisionScene, Mode
+from robots.dynamics import Load
+from robots.failure import Cause, PlanFailure, Refusal, Stage
 from robots.inverse import FRONT, SIGMA_MIN, Branches, flange_poses, inverse
-from robots.join import Joined, Line, Pace, Stop, describe, join
+from robots.join import Joined, join
 from robots.search import Method
+from robots.stop import Line, Pace, Stop
 from robots.timing import rest_to_rest
 from robots.trajectory import DT, Trajectory
 
+PLACES_TRIED = 12  # place poses to which a flight is looked for in vain
 SEARCHED_PLACES = 2  # place poses for which a path is searched when no quick way leads to any
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -50,6 +52,7 @@ class PickRequest:
             taken. None for the order given.
         speed: in (0, 1] of the arm's speed, see `robots.trajectory`.
         carry_acceleration: largest acceleration of the TCP with the part [m/s2].
+        tool_load, part_load: what gripper and part weigh on the flange, for the torques; None for nothing.
         held_tolerance: error of the part's estimated pose [m] that does not count as a collision on the lift's line.
         seed: of the path search, which runs only where straight moves and via points fail.
     """
@@ -72,6 +75,20 @@ class PickRequest:
     depart: float = 0.0
     straight: float | None = None
     place_rank: tuple[int, ...] | None = None
+    tool_load: Load | None = None
+    part_load: Load | None = None
+
+    @property
+    def free(self) -> Pace:
+        """Of the empty hand."""
+        return Pace(self.speed, self.dt, self.T_flange_tool, None, self.tool_load)
+
+    @property
+    def slow(self) -> Pace:
+        """With the part."""
+        loads = [load for load in (self.tool_load, self.part_load) if load is not None]
+        both = sum(loads[1:], loads[0]) if loads else None
+        return Pace(self.speed, self.dt, self.T_flange_tool, self.carry_acceleration, both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +123,6 @@ class PickPlan:
         return sum(t.duration for t in self.trajectories)
 
 
-@dataclass(frozen=True)
-class PlanFailure:
-    """Why there is no motion: `unreachable` by the arm alone, or `no_path` because something is in the way."""
-
-    reason: Literal["unreachable", "no_path"]
-    detail: str
-
-
 def plan_pick(scene: CollisionScene, request: PickRequest) -> PickPlan | PlanFailure:
     """Plan one pick. The same scene and request give the same plan, bit for bit.
 
@@ -142,7 +151,7 @@ def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Arra
     """
     found = inverse(scene.robot, np.asarray(Ts_base_tool) @ invert(T_flange_tool))
     for k in range(len(found.q)):
-        stops: list[_Blocked] = []
+        stops: list[PlanFailure] = []
         for slot in FRONT:
             stop = _standing(scene, found, k, slot, "contact")
             if stop is None:
@@ -154,53 +163,40 @@ def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Arra
             yield _failure(stops)
 
 
-class _Stage(IntEnum):
-    """How far a plan got."""
-
-    EXISTS, LIMITS, SINGULAR, GRASP, APPROACH_LINE, LIFT_LINE, APPROACH, PLACE, PLACE_LINE, CARRY, LEAVE = range(11)
-
-
-@dataclass(frozen=True)
-class _Blocked:
-    stage: _Stage
-    reason: Literal["unreachable", "no_path"]
-    detail: str
-
-
-def _failure(stops: list[_Blocked]) -> PlanFailure:
+def _failure(stops: list[PlanFailure]) -> PlanFailure:
     """That of the first branch within the joint limits, if there is one."""
-    told = next((s for s in stops if s.stage > _Stage.LIMITS), None) or max(stops, key=lambda s: s.stage)
-    return PlanFailure(told.reason, told.detail)
+    near = [(s.stage, s.cause) for s in stops]
+    told = next((s for s, n in zip(stops, near, strict=True) if n > (Stage.GRASP, Cause.JOINT_LIMIT)), None)
+    return told or stops[near.index(max(near))]
 
 
 def _plan_in_branch(
     scene: CollisionScene, request: PickRequest, grasp: Array, found: Branches, slot: int
-) -> PickPlan | _Blocked:
+) -> PickPlan | PlanFailure:
     """The pick in one branch, or where it stopped."""
     blocked = _standing(scene, found, 0, slot, "contact")
     if blocked is not None:
-        return replace(blocked, detail=f"grasp: {blocked.detail}")
+        return blocked
     q_grasp = found.q[0, slot]
-    free = Pace(request.speed, request.dt, request.T_flange_tool)
     hold = tuple(replace(b, T_world_box=request.T_flange_tool @ b.T_world_box) for b in request.held_tool)
 
     back = -request.approach * request.T_base_tool_grasp[:3, 2]
-    out = _stop(scene, request, grasp, q_grasp, back, "contact", _Stage.APPROACH_LINE, "approach line")
-    if isinstance(out, _Blocked):
+    out = _stop(scene, request, grasp, q_grasp, back, "contact", Stage.APPROACH_LINE, "approach line")
+    if isinstance(out, PlanFailure):
         return out
     rise = request.retract * np.array(request.retract_direction)
-    up = _stop(scene, request, grasp, q_grasp, rise, "contact", _Stage.LIFT_LINE, "lift line")
-    if isinstance(up, _Blocked):
+    up = _stop(scene, request, grasp, q_grasp, rise, "contact", Stage.LIFT_LINE, "lift line")
+    if isinstance(up, PlanFailure):
         return up
     start = _start(scene, request)
-    if isinstance(start, _Blocked):
+    if isinstance(start, PlanFailure):
         return start
-    approach = join(scene, start, out, free, request.seed, "approach")
-    if isinstance(approach, str):
-        return _Blocked(_Stage.APPROACH, "no_path", f"way to the grasp: {approach}")
+    approach = join(scene, start, out, request.free, request.seed, "approach")
+    if isinstance(approach, Refusal):
+        return PlanFailure(Stage.APPROACH, approach, "way to the grasp")
     scene.hold(hold, request.held_tolerance)
     placed = _place(scene, request, up, slot)
-    if isinstance(placed, _Blocked):
+    if isinstance(placed, PlanFailure):
         return placed
     k, carry, leave = placed
     methods = (approach[1], carry[1], leave[1])
@@ -210,49 +206,51 @@ def _plan_in_branch(
     return PickPlan(approach[0], lift, carry_on, leave[0], k, slot, sigma, methods, cleared)
 
 
-def _start(scene: CollisionScene, request: PickRequest) -> Stop | _Blocked:
+def _start(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailure:
     """Where the arm rests now, with the line away from it."""
     if not request.depart:
         return Stop(request.q_start)
     T = flange_poses(scene.robot, request.q_start[None])[0]
     rise, what = request.depart * UP, "line from the start"
-    return _stop(scene, request, T, request.q_start, rise, "transit", _Stage.APPROACH, what)
+    return _stop(scene, request, T, request.q_start, rise, "transit", Stage.APPROACH, what)
 
 
 def _place(
     scene: CollisionScene, request: PickRequest, grasp: Stop, slot: int
-) -> tuple[int, Joined, Joined] | _Blocked:
+) -> tuple[int, Joined, Joined] | PlanFailure:
     """The first place pose that can be reached with the part and left without it; quick ways first, then a search."""
     poses = request.Ts_base_tool_place @ invert(request.T_flange_tool)
     found = inverse(scene.robot, poses, grasp.q)
     if len(poses) == 0:
-        return _Blocked(_Stage.PLACE, "unreachable", "place: no place pose was given")
-    blocked: list[_Blocked] = []
+        return PlanFailure(Stage.PLACE, Refusal(Cause.NO_PLACE), "place")
+    blocked: list[PlanFailure] = []
     unseen: list[tuple[int, Stop]] = []
     for k in _in_order(scene, request, found, slot, grasp.q):
+        if len(unseen) >= PLACES_TRIED:
+            break
         stop = _standing(scene, found, k, slot, "transit")
         if stop is not None:
-            blocked.append(replace(stop, stage=_Stage.PLACE, detail=f"place pose {k}: {stop.detail}"))
+            blocked.append(replace(stop, stage=Stage.PLACE, where=f"place pose {k}"))
             continue
         q = found.q[k, slot]
         rise = request.place_height * UP
         what = f"line to place pose {k}"
-        place = _stop(scene, request, poses[k], q, rise, "transit", _Stage.PLACE_LINE, what)
-        if isinstance(place, _Blocked):
+        place = _stop(scene, request, poses[k], q, rise, "transit", Stage.PLACE_LINE, what)
+        if isinstance(place, PlanFailure):
             blocked.append(place)
             continue
         done = _carry(scene, request, grasp, place, None, k)
-        if not isinstance(done, _Blocked):
+        if not isinstance(done, PlanFailure):
             return k, *done
         blocked.append(done)
-        if done.stage == _Stage.CARRY:
+        if done.stage == Stage.CARRY:
             unseen.append((k, place))
     for k, place in unseen[:SEARCHED_PLACES]:
         done = _carry(scene, request, grasp, place, request.seed, k)
-        if not isinstance(done, _Blocked):
+        if not isinstance(done, PlanFailure):
             return k, *done
         blocked.append(done)
-    return max(blocked, key=lambda s: s.stage)
+    return max(blocked, key=lambda s: (s.stage, s.cause))
 
 
 def _in_order(scene: CollisionScene, request: PickRequest, found: Branches, slot: int, q_grasp: Array) -> list[int]:
@@ -266,29 +264,27 @@ def _in_order(scene: CollisionScene, request: PickRequest, found: Branches, slot
 
 def _carry(
     scene: CollisionScene, request: PickRequest, grasp: Stop, place: Stop, seed: int | None, k: int
-) -> tuple[Joined, Joined] | _Blocked:
+) -> tuple[Joined, Joined] | PlanFailure:
     """With the part to a place pose, and without it home or nowhere."""
-    free = Pace(request.speed, request.dt, request.T_flange_tool)
-    slow = replace(free, acceleration=request.carry_acceleration)
-    carry = join(scene, grasp, place, slow, seed, "carry")
-    if isinstance(carry, str):
-        return _Blocked(_Stage.CARRY, "no_path", f"way to place pose {k}: {carry}")
+    carry = join(scene, grasp, place, request.slow, seed, "carry")
+    if isinstance(carry, Refusal):
+        return PlanFailure(Stage.CARRY, carry, f"way to place pose {k}")
     if request.q_end is None:
         return carry, (Trajectory("leave", place.q[None].copy(), np.zeros((1, 6)), request.dt), "direct")
     with scene.empty_handed():
-        leave = join(scene, place, Stop(request.q_end), free, request.seed, "leave")
-    if isinstance(leave, str):
-        return _Blocked(_Stage.LEAVE, "no_path", f"way home from place pose {k}: {leave}")
+        leave = join(scene, place, Stop(request.q_end), request.free, request.seed, "leave")
+    if isinstance(leave, Refusal):
+        return PlanFailure(Stage.LEAVE, leave, f"way home from place pose {k}")
     return carry, leave
 
 
 def _stop(
-    scene: CollisionScene, request: PickRequest, T: Array, q: Array, way: Array, mode: Mode, stage: _Stage, what: str
-) -> Stop | _Blocked:
+    scene: CollisionScene, request: PickRequest, T: Array, q: Array, way: Array, mode: Mode, stage: Stage, what: str
+) -> Stop | PlanFailure:
     """A stop at flange pose T with a line by `way` (3,) in the world, of which at least the beginning is reachable."""
     stop = Stop(q, Line(scene.robot, T, q, way), mode, request.straight)
-    path = stop.lines[0].path
-    return _Blocked(stage, "unreachable", f"{what}: {path}") if isinstance(path, str) else stop
+    usable = stop.usable
+    return PlanFailure(stage, usable, what) if isinstance(usable, Refusal) else stop
 
 
 def _travelled(scene: CollisionScene, request: PickRequest, q: Array, distance: float) -> int:
@@ -304,15 +300,18 @@ def _split(whole: Trajectory, at: int) -> tuple[Trajectory, Trajectory]:
     return first, Trajectory("carry", whole.q[at + 1 :].copy(), whole.qd[at + 1 :].copy(), whole.dt)
 
 
-def _standing(scene: CollisionScene, found: Branches, k: int, slot: int, mode: Mode) -> _Blocked | None:
+def _standing(scene: CollisionScene, found: Branches, k: int, slot: int, mode: Mode) -> PlanFailure | None:
     """Why the arm cannot stand at pose k in a branch: by itself, or by what it would touch."""
     robot, q = scene.robot, found.q[k, slot]
     if not found.exists[k, slot]:
-        return _Blocked(_Stage.EXISTS, "unreachable", "out of reach, no IK branch")
-    if not found.valid[k, slot]:
-        joint = int(np.argmax((q < robot.lower) | (q > robot.upper))) + 1
-        return _Blocked(_Stage.LIMITS, "unreachable", f"joint limit of J{joint}")
-    if found.sigma[k, slot] <= SIGMA_MIN:
-        return _Blocked(_Stage.SINGULAR, "unreachable", f"singularity margin (sigma {found.sigma[k, slot]:.3f})")
-    contact = scene.first_contact(q, mode)
-    return None if contact is None else _Blocked(_Stage.GRASP, "no_path", describe(contact))
+        refusal = Refusal(Cause.OUT_OF_REACH)
+    elif not found.valid[k, slot]:
+        refusal = Refusal(Cause.JOINT_LIMIT, joint=int(np.argmax((q < robot.lower) | (q > robot.upper))) + 1)
+    elif found.sigma[k, slot] <= SIGMA_MIN:
+        refusal = Refusal(Cause.SINGULARITY)
+    else:
+        contact = scene.first_contact(q, mode)
+        if contact is None:
+            return None
+        refusal = Refusal(Cause.COLLISION, contact=contact)
+    return PlanFailure(Stage.GRASP, refusal, "grasp")

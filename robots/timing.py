@@ -23,11 +23,11 @@ class JointPath:
 
     spline: CubicSpline
 
-    @property
+    @cached_property
     def start(self) -> Array:
         return np.asarray(self.spline(0.0))
 
-    @property
+    @cached_property
     def end(self) -> Array:
         return np.asarray(self.spline(1.0))
 
@@ -147,45 +147,22 @@ def rest_to_rest(model: RobotModel, turned: Array) -> Array:
     return np.asarray(np.where(short, by_jerk, np.where(middle, by_acceleration, by_velocity)).max(axis=-1))
 
 
-@dataclass(frozen=True, eq=False)
-class Junction:
-    """Joint angles, velocities and accelerations (6,) where two segments meet, in [rad], [rad/s] and [rad/s2]."""
+def joint_segment(model: RobotModel, q0: Array, q1: Array) -> JointSegment:
+    """The quickest motion from rest at q0 (6,) to rest at q1 (6,), straight in joint space.
 
-    q: Array
-    velocity: Array
-    acceleration: Array
-
-    @staticmethod
-    def at_rest(q: Array) -> Junction:
-        return Junction(q, np.zeros(6), np.zeros(6))
-
-    @property
-    def rests(self) -> bool:
-        return not (self.velocity.any() or self.acceleration.any())
-
-
-def joint_segment(model: RobotModel, start: Junction, end: Junction, share: float | Array = 1.0) -> JointSegment | None:
-    """The quickest motion of all joints between two states; straight in joint space from rest to rest.
-
-    Args:
-        share: of the arm's speed; its accelerations are used by the square, its jerks by the cube of it.
-
-    None where Ruckig finds no profile; from rest to rest there always is one.
+    Raises:
+        ValueError: Ruckig finds no profile, which there is between any two finite joint vectors.
     """
     x = ruckig.InputParameter(6)
-    x.current_position, x.current_velocity = start.q.tolist(), start.velocity.tolist()
-    x.target_position, x.target_velocity = end.q.tolist(), end.velocity.tolist()
-    x.current_acceleration, x.target_acceleration = start.acceleration.tolist(), end.acceleration.tolist()
-    # what a junction already has is allowed whatever the share
-    fastest = np.maximum(np.abs(start.velocity), np.abs(end.velocity)) * (1 + 1e-6)
-    hardest = np.maximum(np.abs(start.acceleration), np.abs(end.acceleration)) * (1 + 1e-6)
-    x.max_velocity = np.clip(model.velocity * share, fastest, model.velocity).tolist()
-    x.max_acceleration = np.clip(model.acceleration * share**2, hardest, model.acceleration).tolist()
-    x.max_jerk = (model.jerk * share**3).tolist()
-    if start.rests and end.rests:
-        x.synchronization = ruckig.Synchronization.Phase
+    x.current_position, x.target_position = q0.tolist(), q1.tolist()
+    x.max_velocity, x.max_acceleration, x.max_jerk = (
+        limit.tolist() for limit in (model.velocity, model.acceleration, model.jerk)
+    )
+    x.synchronization = ruckig.Synchronization.Phase
     profile = _solve(x)
-    return None if profile is None else JointSegment(profile)
+    if profile is None:
+        raise ValueError(f"no time law from {q0} to {q1}")
+    return JointSegment(profile)
 
 
 def path_segment(model: RobotModel, path: JointPath) -> PathSegment | None:

@@ -16,9 +16,10 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from cell.frames import Array, make_transform
+from robots.failure import Cause, Refusal
 from robots.inverse import SIGMA_MIN, branch, flange_poses, inverse
 from robots.model import RobotModel
-from robots.timing import JointPath, Junction, Motion, joint_segment, path_segment
+from robots.timing import JointPath, Motion, joint_segment, path_segment
 
 DT = 1.0 / 480.0  # [s], the step of the physics
 LINE_SAMPLES = 33
@@ -68,7 +69,7 @@ def joint_path(
 
 def tool_line(
     model: RobotModel, T0: Array, T1: Array, q0: Array, sigma_min: float = SIGMA_MIN, samples: int = LINE_SAMPLES
-) -> JointPath | str:
+) -> JointPath | Refusal:
     """The joint path of a straight flange line from T0 to T1 (4, 4), in the branch of q0 (6,), or why there is none.
 
     The rotation turns about one axis at a constant rate (slerp). The tool's own line is straight only where both ends
@@ -83,17 +84,17 @@ def tool_line(
     slot = int(branch(model, q0))
     found = inverse(model, Ts, q0)
     if not found.exists[:, slot].all():
-        return "out of reach"
+        return Refusal(Cause.OUT_OF_REACH)
     if (found.sigma[:, slot] < sigma_min).any():
-        return "singularity margin"
+        return Refusal(Cause.SINGULARITY)
     q = np.unwrap(np.concatenate([q0[None], found.q[:, slot]]), axis=0)[1:]
     if np.abs(q[0] - q0).max() > 1e-6:
         raise ValueError("q0 is not a solution of T0")
     outside = ((q < model.lower) | (q > model.upper)).any(axis=0)
     if outside.any():
-        return f"joint limit of J{int(np.argmax(outside)) + 1}"
+        return Refusal(Cause.JOINT_LIMIT, joint=int(np.argmax(outside)) + 1)
     if np.abs(np.diff(q, axis=0)).max() > MAX_LINE_STEP:
-        return "singularity margin"
+        return Refusal(Cause.SINGULARITY)
     q[0] = q0
     return JointPath(CubicSpline(s, q, axis=0))
 
@@ -109,7 +110,7 @@ def linear_move(
 ) -> Trajectory | None:
     """Straight flange line from rest at T0 (4, 4) to rest at T1; None where `tool_line` says why there is none."""
     path = tool_line(model, T0, T1, q0)
-    return None if isinstance(path, str) else follow(model, path, scale, dt, name)
+    return None if isinstance(path, Refusal) else follow(model, path, scale, dt, name)
 
 
 def follow(model: RobotModel, path: JointPath, scale: float = 1.0, dt: float = DT, name: str = "follow") -> Trajectory:
@@ -119,10 +120,7 @@ def follow(model: RobotModel, path: JointPath, scale: float = 1.0, dt: float = D
 
 def move_motion(model: RobotModel, q0: Array, q1: Array) -> Motion:
     """The motion of `joint_move`."""
-    segment = joint_segment(model, Junction.at_rest(q0), Junction.at_rest(q1))
-    if segment is None:
-        raise ValueError(f"no time law from {q0} to {q1}")
-    return Motion((segment,), q1)
+    return Motion((joint_segment(model, q0, q1),), q1)
 
 
 def path_motion(model: RobotModel, path: JointPath) -> Motion:

@@ -29,7 +29,7 @@ from robots.inverse import inverse
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
 from scenarios.episode import oracle_perception
-from scenarios.pick import FALL_TIME, Decision, Memory, choose, decide, release_opening, request_of
+from scenarios.pick import Decision, Memory, choose, decide, release_opening, request_of
 from scenarios.place import PlacePlan
 from scenarios.scan import scan_heights
 from scenarios.scenario import Scenario, load_scenario
@@ -47,7 +47,7 @@ class Measured:
 
     Attributes:
         steady: it began where another ended, not at home.
-        motion_s: of the plan; jaws_s: closing, opening and the fall of the workpiece.
+        motion_s: of the plan; jaws_s: closing and opening; the workpiece falls while the next image is taken.
         bound_s: of the motion; stop_s: of the motion that stops at every point.
         plan_s: of choosing among the candidates and planning, scene and height field included.
         ik_s: of one pose; collision_s: of one check.
@@ -169,7 +169,7 @@ def _measured(
     return Measured(
         steady=steady,
         motion_s=plan.duration,
-        jaws_s=closing + opening + FALL_TIME,
+        jaws_s=closing + opening,
         bound_s=lower_bound(cell.robot, plan),
         stop_s=stop_at_each(cell.robot, request, plan),
         plan_s=plan_s,

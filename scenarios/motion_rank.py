@@ -1,4 +1,4 @@
-"""The rank's term of motion time: how far the arm's joints have to turn from home to a grasp."""
+"""The rank's term of motion time: how long the arm takes to a grasp from where it waits."""
 
 from __future__ import annotations
 
@@ -11,21 +11,25 @@ from grasping.candidates import Selection
 from grasping.ranking import GraspingConfig
 from robots.inverse import FRONT, inverse
 from robots.model import RobotModel
+from robots.timing import rest_to_rest
 
-LONGEST = 1.0  # [s] at full joint speed that is as bad as out of reach
+LONGEST = 1.0  # [s] that are as bad as out of reach
 
 
-def with_motion(selection: Selection, robot: RobotModel, T_flange_tool: Array, weights: GraspingConfig) -> Selection:
+def with_motion(
+    selection: Selection, robot: RobotModel, q_start: Array, T_flange_tool: Array, weights: GraspingConfig
+) -> Selection:
     """The selection ranked anew with the term `motion`: 1 for no way at all, 0 for LONGEST or out of reach.
 
-    The time is that of the slowest joint at its top speed, the lower bound of any motion; planning comes later.
+    The time is the lower bound of any motion from q_start (6,) [rad], which tells a grasp from its like with the jaws
+    turned by half a turn; planning comes later.
     """
     if not selection.candidates:
         return selection
     Ts = np.stack([c.T_world_tool for c in selection.candidates]) @ invert(T_flange_tool)
-    found = inverse(robot, Ts)
+    found = inverse(robot, Ts, q_start)
     front = list(FRONT)
-    seconds = (np.abs(found.q[:, front] - robot.home) / robot.velocity).max(axis=-1)
+    seconds = rest_to_rest(robot, found.q[:, front] - q_start)
     seconds = np.where(found.valid[:, front], seconds, LONGEST).min(axis=1)
     ranked = []
     for candidate, time in zip(selection.candidates, seconds, strict=True):

@@ -24,6 +24,7 @@ class Evidence:
         closed, lifted, carried: workpieces that the gripper held after closing, after the lift, and when the place
             pose was reached.
         put_back: what came up weighed as much as several, and was let go where it had been.
+        set_back: the arm was stopped, could not draw back by itself, and was set back to home by hand.
         released: nothing was held after opening.
         log: of all motions. seconds: simulated time of the attempt.
         pose_ok: the chosen estimate is within tolerance of a workpiece.
@@ -39,6 +40,7 @@ class Evidence:
     seconds: float
     pose_ok: bool
     put_back: bool = False
+    set_back: bool = False
 
 
 def judge(evidence: Evidence, force_limit: float, time_limit: float) -> Reason | Literal[""]:

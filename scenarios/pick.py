@@ -12,14 +12,17 @@ import numpy as np
 
 from cell.bin import Box
 from cell.camera import DepthFrame
-from cell.execute import execute, wait
-from cell.frames import Array, invert, to_quat_xyzw
+from cell.execute import MotionLog, execute, wait
+from cell.frames import Array, apply, invert, to_quat_xyzw
 from cell.grip import grip, held, release
 from cell.observe import Snapshot
 from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
 from grasping.clearance import OpenGripper
+from grasping.verdict import CHOSEN
 from robots.collision import CollisionScene
+from robots.dynamics import Load
+from robots.failure import PlanFailure, Stage
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
 from robots.waypoints import waypoints_of
 from scenarios.export_program import as_json
@@ -28,7 +31,7 @@ from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
 from scenarios.place import PlacePlan, place_error
 from scenarios.records import AttemptRecord, Reason, nested
-from scenarios.retreat import FALL_TIME, back_off, put_back
+from scenarios.retreat import FALL_TIME, back_off, put_back, recover
 from scenarios.scan import scan_heights, scene_points
 from scenarios.tree import decision_tree
 from scenarios.weighing import comes_up_double
@@ -43,7 +46,7 @@ PLANS_A_ROUND = 4
 RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
-STRAIGHT = 0.02  # [m] of every line that is kept straight where the rest may be rounded into the flight
+STRAIGHT = 0.012  # [m] of every line that is kept straight: as deep as fingers reach beside a workpiece
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
 
@@ -74,7 +77,7 @@ class Decision:
     candidate: GraspCandidate | None
     plan: PickPlan | None
     reason: Reason | Literal[""]
-    refused: dict[int, str]
+    refused: dict[int, PlanFailure]
 
 
 Perceive = Callable[[Workcell, DepthFrame, np.ndarray, np.random.Generator], Estimates]
@@ -129,7 +132,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     staged = cell.pictures and attempt < PICTURED
     if decision.candidate is None or decision.plan is None:
         after = cell.observe()
-        if any("place" in detail for detail in decision.refused.values()):
+        if any(failure.stage >= Stage.PLACE for failure in decision.refused.values()):
             memory.place.pass_over()
         record |= {"moved": False, "success": False, "reason": decision.reason}
     else:
@@ -140,8 +143,12 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         shots = record["pictures"]
         evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist)
         if evidence.log.stopped:
+            for node in record["tree"][decision.candidate.estimate]["candidates"]:
+                if node["verdict"] == CHOSEN:
+                    node["after_stop"] = "set back by hand" if evidence.set_back else "drew back"
+        if evidence.set_back:
             memory.waits_at = None
-        elif evidence.closed and not evidence.put_back:
+        elif evidence.closed and not evidence.put_back and not evidence.log.stopped:
             memory.waits_at = decision.plan.carry.q[-1]
         limits, after = cell.scenario.limits, evidence.after
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
@@ -189,7 +196,9 @@ def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memo
         cell.scenario.grasping,
         estimates.residuals,
     )
-    return with_motion(selection, cell.robot, cell.gripper.T_flange_tool, cell.scenario.grasping)
+    return with_motion(
+        selection, cell.robot, waits_at(cell, memory), cell.gripper.T_flange_tool, cell.scenario.grasping
+    )
 
 
 def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memory, seed: int) -> Decision:
@@ -200,7 +209,7 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
         return Decision(None, None, Reason.ALL_GRASPS_BLOCKED, {})
     field = scan_heights(cell, frame)
     scenes: dict[float, CollisionScene] = {}
-    refused: dict[int, str] = {}
+    refused: dict[int, PlanFailure] = {}
     reason = Reason.UNREACHABLE
     planned = 0
     for i in in_rounds(selection.candidates):
@@ -216,7 +225,7 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
             if isinstance(plan, PickPlan):
                 return Decision(candidate, plan, "", refused)
             stop = plan
-        refused[i] = f"{stop.reason}: {stop.detail}"
+        refused[i] = stop
         if stop.reason == "no_path":
             reason = Reason.NO_PATH
         if planned >= PLANS_TRIED:
@@ -247,15 +256,15 @@ def in_rounds(candidates: list[GraspCandidate]) -> list[int]:
 
 def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: int) -> PickRequest:
     """What the planner is asked for one candidate."""
-    T_tool_part = invert(candidate.T_part_tool)
+    T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
     places = memory.place.tool_poses(candidate.T_part_tool)
     return PickRequest(
-        q_start=cell.robot.home if memory.waits_at is None else memory.waits_at,
+        q_start=waits_at(cell, memory),
         q_end=None,
         T_base_tool_grasp=candidate.T_world_tool,
         Ts_base_tool_place=places,
-        T_flange_tool=cell.gripper.T_flange_tool,
+        T_flange_tool=T_flange_tool,
         held_tool=tuple(in_frame(boxes, T_tool_part)),
         approach=candidate.point.approach_distance,
         retract=candidate.point.retract_distance,
@@ -266,7 +275,14 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         depart=0.0 if memory.waits_at is None else PLACE_LINE,
         straight=STRAIGHT,
         place_rank=memory.place.ranks(),
+        tool_load=Load(cell.gripper.mass, cell.gripper.centre),
+        part_load=Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0]),
     )
+
+
+def waits_at(cell: Workcell, memory: Memory) -> Array:
+    """Joint vector (6,) at which the arm stands now."""
+    return cell.robot.home if memory.waits_at is None else memory.waits_at
 
 
 def move(
@@ -284,15 +300,23 @@ def move(
     With `staged`, pictures of the cell at each stage are added to `pictures`; `rng` is of the wrist's force sensor.
 
     The arm ends where it let the workpiece go, its jaws open, out of the camera's view: the next motion starts there. A
-    hard touch stops the arm, as a controller's collision guard does; it is then set back to home by hand.
+    hard touch stops the arm, as a controller's collision guard does; it then draws back the way it came, and only where
+    that fails as well is it set back to home by hand.
     """
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
     start, opening = world.time, arm.opening
+    commanded: dict[str, list[Array]] = {"in": [], "on": []}
+
+    def run(leg: str, rows: Array) -> MotionLog:
+        done = execute(world, arm, rows, stop_above=limit)
+        commanded[leg].append(rows[: done.rows])
+        return done
+
     way_out, way_in = plan.approach.q[: plan.cleared], plan.approach.q[plan.cleared :]
-    log = execute(world, arm, way_out, stop_above=limit)  # the last workpiece lies between the fingers
+    log = run("in", way_out)  # the last workpiece lies between the fingers
     if not log.stopped:
         arm.hold_jaws(candidate.opening)
-        log += execute(world, arm, way_in, stop_above=limit)
+        log += run("in", way_in)
     closed: tuple[int, ...] = ()
     lifted, carried, released, double = closed, closed, False, False
     if not log.stopped:
@@ -303,12 +327,12 @@ def move(
         if not closed:
             log += back_off(cell, candidate, plan, opening)
     if closed:
-        log += execute(world, arm, plan.lift.q, stop_above=limit)
+        log += run("on", plan.lift.q)
         lifted = held(world, arm)
         if staged:
             snap(cell, pictures, "lift")
     if closed and not log.stopped:
-        log += execute(world, arm, plan.carry.q, stop_above=limit)
+        log += run("on", plan.carry.q)
         carried = () if log.stopped else held(world, arm)
         if staged:
             snap(cell, pictures, "place")
@@ -323,11 +347,17 @@ def move(
         else:
             opened = release(world, arm, release_opening(cell, candidate.opening, arm.tool_pose()))
             released = not opened.parts
-            log += opened.log + wait(world, arm, FALL_TIME)
-            log += execute(world, arm, plan.leave.q, stop_above=limit)
+            log += opened.log
+            if len(plan.leave.q) > 1:  # else it falls while the next image is taken
+                log += wait(world, arm, FALL_TIME) + run("on", plan.leave.q)
     robot_s = world.time - start
+    set_back = False
     if log.stopped:
-        arm.reset(cell.robot.home)
+        legs = [np.concatenate([np.zeros((0, 6)), *rows]) for rows in commanded.values()]
+        back = recover(cell, candidate, legs[0], legs[1], opening)
+        robot_s, set_back = world.time - start, back.stopped
+        if set_back:
+            arm.reset(cell.robot.home)
     world.run_until_rest(REST_LIMIT)
     after = cell.observe()
-    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double), robot_s
+    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back), robot_s

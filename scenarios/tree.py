@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 from grasping.candidates import Selection
 from grasping.verdict import CHOSEN, Verdict
+from robots.failure import Cause, PlanFailure, Stage
 from scenarios.workcell import SOURCE
 
 if TYPE_CHECKING:
     from scenarios.pick import Decision, Estimates
 
-BY_THE_ARM = ((r"joint limit", Verdict.JOINT_LIMIT), (r"singular", Verdict.SINGULARITY))
-AT_THE_GRASP = ("grasp: ", "way to the grasp: on the line, ", "")
+BY_THE_ARM = {
+    Cause.OUT_OF_REACH: Verdict.NO_IK,
+    Cause.JOINT_LIMIT: Verdict.JOINT_LIMIT,
+    Cause.SINGULARITY: Verdict.SINGULARITY,
+    Cause.TORQUE: Verdict.TORQUE,
+}
 
 
 def decision_tree(
@@ -47,22 +51,19 @@ def decision_tree(
             continue
         terms = {key: round(value, 3) for key, value in candidate.terms.items()}
         node = {"grasp": name, "rank": round(candidate.rank, 4), "terms": terms, "verdict": verdict}
-        of_estimate["candidates"].append(node if refused is None else node | {"detail": refused})
+        of_estimate["candidates"].append(node if refused is None else node | {"detail": str(refused)})
     return tree
 
 
-def planning_verdict(refusal: str, tool: Collection[str]) -> Verdict:
-    """The verdict on a grasp that planning refused, from what it said: `reason: stage: what touches what`."""
-    reason, _, detail = refusal.partition(": ")
-    for pattern, verdict in BY_THE_ARM:
-        if re.search(pattern, detail):
-            return verdict
-    if reason == "unreachable":
-        return Verdict.NO_IK
-    stage, who, what = _contact(detail)
+def planning_verdict(failure: PlanFailure, tool: Collection[str]) -> Verdict:
+    """The verdict on a grasp that planning refused."""
+    if failure.cause in BY_THE_ARM:
+        return BY_THE_ARM[failure.cause]
+    who, what = failure.refusal.contact or ("", "")
     if who == "held" and what.startswith(f"{SOURCE}_"):
         return Verdict.HELD_BIN
-    if stage in AT_THE_GRASP and who in tool:
+    at_the_grasp = failure.stage == Stage.GRASP or (failure.stage == Stage.APPROACH and failure.refusal.on_line)
+    if at_the_grasp and who in tool:
         if what.startswith(f"{SOURCE}_"):
             return Verdict.GRIPPER_BIN
         if what == "pile":
@@ -78,9 +79,3 @@ def verdict_counts(tree: Any) -> Counter[str]:
             counts.update(of_point)
         counts.update(c["verdict"] for c in estimate.get("candidates", ()))
     return counts
-
-
-def _contact(detail: str) -> tuple[str, str, str]:
-    """Stage with its colon, and the two that touch; empty where the detail names none."""
-    found = re.fullmatch(r"(.*: (?:on the line, )?|)(\S+) touches (\S+)", detail)
-    return ("?", "", "") if found is None else (found[1], found[2], found[3])

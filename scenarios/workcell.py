@@ -9,7 +9,7 @@ import numpy as np
 from cell.arm import Arm
 from cell.bin import Bin, Box
 from cell.camera import DepthFrame, render
-from cell.errors import SimulationError
+from cell.errors import InputError, SimulationError
 from cell.gripper import load_gripper
 from cell.observe import Snapshot, observe
 from cell.sensor import measure
@@ -18,6 +18,7 @@ from cell.tool import Gripper
 from cell.workpiece import Workpiece, load_workpiece
 from cell.world import World
 from grasping.grasp_points import GraspPoses, load_grasps
+from robots.dynamics import Load, overload
 from robots.model import RobotModel, load_robot
 from scenarios.scenario import Scenario
 
@@ -119,10 +120,23 @@ def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
     Raises:
         InputError: something that the scenario names is missing or not valid.
     """
-    workpiece = load_workpiece(scenario.workpiece)
-    load_robot(scenario.robot)
-    load_grasps(workpiece, load_gripper(scenario.gripper))
+    workpiece, gripper = load_workpiece(scenario.workpiece), load_gripper(scenario.gripper)
+    check_payload(scenario, load_robot(scenario.robot), gripper, workpiece)
+    load_grasps(workpiece, gripper)
     if "perception" not in oracle:
         from perception.weights import load_weights, weights_path
 
         load_weights(weights_path(workpiece), workpiece)
+
+
+def check_payload(scenario: Scenario, robot: RobotModel, gripper: Gripper, workpiece: Workpiece) -> None:
+    """Whether the arm may carry gripper and workpiece at all.
+
+    Raises:
+        InputError: they weigh more than the robot's payload.
+    """
+    load = Load(gripper.mass, gripper.centre) + Load(workpiece.mass, workpiece.com)
+    if overload(robot, load):
+        value = f"{workpiece.name}, {workpiece.mass:.2f} kg, with {gripper.name}, {gripper.mass:.2f} kg"
+        valid = f"{robot.payload:.1f} kg in all at most, the payload of {robot.name}"
+        raise InputError(f"scenario {scenario.name}", "workpiece", value, valid)

@@ -1,12 +1,19 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from cell.errors import InputError
+from cell.gripper import load_gripper
+from cell.workpiece import load_workpiece
 from robots.dynamics import Load, overload, torque_share, torques
 from robots.model import forward, list_robots, load_robot
 from robots.trajectory import Trajectory, joint_move
+from scenarios.scenario import load_scenario
+from scenarios.workcell import check_payload
 
 NAMES = list_robots()
 
@@ -55,3 +62,16 @@ def test_the_payload_is_checked() -> None:
     robot = load_robot("lrmate200id")
     assert overload(robot, Load(7.0, np.zeros(3))) == ""
     assert overload(robot, Load(7.5, np.zeros(3))) == "7.5 kg is more than the payload of 7.0 kg"
+
+
+def test_what_the_arm_may_not_carry_is_one_line_before_anything_moves() -> None:
+    scenario = load_scenario("bracket", ["workpiece=gear_shaft", "gripper=jaw_v_shaft"])
+    gripper, shaft = load_gripper("jaw_v_shaft"), load_workpiece("gear_shaft")
+    robot = load_robot("lrmate200id")
+    check_payload(scenario, robot, gripper, shaft)
+    weak = replace(robot, payload=5.0)
+    with pytest.raises(InputError) as told:
+        check_payload(scenario, weak, gripper, shaft)
+    assert str(told.value).count("\n") == 0
+    assert told.value.field == "workpiece" and "gear_shaft, 3.89 kg" in str(told.value.value)
+    assert told.value.valid == "5.0 kg in all at most, the payload of lrmate200id"

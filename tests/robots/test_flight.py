@@ -1,98 +1,136 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from cell.frames import Array, rotation_angle
-from robots.flight import Ramp, flights, quickest_ramp
+from cell.frames import Array, apply, rotation_angle
+from robots.flight import OFF_LINE, Between, End, Form
+from robots.inverse import flange_poses
+from robots.law import rise, s_curve
 from robots.model import RobotModel, forward
-from robots.timing import JointPath, Junction, joint_segment, rest_to_rest
+from robots.timing import JointPath, Motion, joint_segment, rest_to_rest
 from robots.trajectory import Trajectory, joint_move, move_motion, path_motion, tool_line
-from tests.robots.arm_cell import DOWN
+from tests.robots.arm_cell import DOWN, T_FLANGE_TOOL
 from tests.robots.test_trajectory import assert_at_rest, assert_keeps_limits, flange, solve
 
-LENGTH = 0.03
+LENGTH, STRAIGHT = 0.08, 0.02
+CORNERS = np.array([[0.0, 0.0, 0.0], [0.03, 0.03, 0.17], [-0.03, -0.03, 0.17]])
+ROUND, SHARP, HIGH = Form((0.0, 0.0), np.zeros(6)), Form((1.0, 1.0), np.zeros(6)), 0.1
 
 
-def line_at(robot: RobotModel, x: float, y: float, z: float, R: Array = DOWN) -> JointPath:
-    """Up from a point."""
+def end_at(robot: RobotModel, x: float, y: float, z: float, R: Array = DOWN) -> End:
+    """With a line up from a point."""
     T = flange(x, y, z, R)
     path = tool_line(robot, T, flange(x, y, z + LENGTH, R), solve(robot, T))
     assert isinstance(path, JointPath)
-    return path
+    return End(path.start, path, LENGTH, STRAIGHT)
 
 
-def ramp_at(robot: RobotModel, x: float, y: float, z: float, landing: bool, limit: float | None = None) -> Ramp:
-    return quickest_ramp(robot, line_at(robot, x, y, z), LENGTH, landing, limit)
+def between(robot: RobotModel, limit: float | None = None) -> Between:
+    start, end = end_at(robot, 0.25, -0.4, 0.06), end_at(robot, 0.45, 0.05, 0.03)
+    return Between(robot, start, end, T_FLANGE_TOOL, CORNERS, limit)
 
 
-def test_a_flight_between_lines_is_smooth_and_quicker_than_stopping(robot: RobotModel) -> None:
-    start, end = ramp_at(robot, 0.25, -0.4, 0.06, False), ramp_at(robot, 0.45, 0.05, 0.03, True)
-    stops = sum(path_motion(robot, ramp.path).duration for ramp in (start, end))
-    stops += move_motion(robot, start.path.end, end.path.end).duration
-    motions = list(flights(robot, start, end))
-    assert motions
-    for motion in motions:
-        trajectory = Trajectory("fly", *motion.sampled(1 / 480), 1 / 480)
+def forms(robot: RobotModel) -> list[Form]:
+    (high,) = between(robot).raised(np.array([HIGH]))
+    assert high is not None
+    return [ROUND, SHARP, Form((0.1, 0.6), high)]
+
+
+def flown(robot: RobotModel, form: Form, limit: float | None = None, speed: float = 1.0) -> Trajectory:
+    b = between(robot, limit)
+    seconds, flight = b.quickest(form, speed)
+    motion, scale = Motion((flight,), b.end.q), b.scale(flight, speed)
+    trajectory = Trajectory("fly", *motion.sampled(1 / 480, scale), 1 / 480)
+    assert trajectory.duration == pytest.approx(seconds, rel=0.1)
+    return trajectory
+
+
+def test_flights_are_smooth_within_limits_and_quicker_than_stopping(robot: RobotModel) -> None:
+    b = between(robot)
+    assert b.start.path is not None and b.end.path is not None
+    stops = sum(path_motion(robot, end.path).duration for end in (b.start, b.end) if end.path)
+    stops += move_motion(robot, b.start.far, b.end.far).duration
+    for form in forms(robot):
+        trajectory = flown(robot, form)
         assert_keeps_limits(robot, trajectory)
         assert_at_rest(trajectory)
-        np.testing.assert_allclose(trajectory.q[[0, -1]], [start.path.start, end.path.start], atol=1e-9)
-        assert motion.duration < 0.9 * stops
+        np.testing.assert_allclose(trajectory.q[[0, -1]], [b.start.q, b.end.q], atol=1e-9)
+    assert flown(robot, ROUND).duration < 0.65 * stops
+    assert flown(robot, ROUND).duration > rest_to_rest(robot, b.end.q - b.start.q)
 
 
-@pytest.mark.parametrize("landing", [False, True])
-def test_a_ramp_is_straight_from_rest_to_flight(robot: RobotModel, landing: bool) -> None:
-    ramp = ramp_at(robot, 0.45, 0.05, 0.03, landing)
-    q, _ = ramp.at(np.linspace(0.0, ramp.duration, 50))
-    Ts = forward(robot, q[::-1] if landing else q)
-    assert np.abs(Ts[:, :2, 3] - Ts[0, :2, 3]).max() < 0.05e-3
-    assert Ts[-1, 2, 3] - Ts[0, 2, 3] == pytest.approx(LENGTH, abs=1e-6)
-    assert (np.diff(Ts[:, 2, 3]) >= 0).all()
-    assert rotation_angle(np.swapaxes(Ts[:, :3, :3], 1, 2) @ Ts[0, :3, :3]).max() < 1e-4
+def test_half_the_speed_is_twice_the_time_along_the_same_way(robot: RobotModel) -> None:
+    full, half = flown(robot, ROUND), flown(robot, ROUND, speed=0.5)
+    assert half.duration == pytest.approx(2 * full.duration, abs=3 / 480)
+    np.testing.assert_allclose(half.q[::2][: len(full.q) - 1], full.q[:-1], atol=1e-9)
 
 
-def test_a_junction_is_what_finite_differences_say(robot: RobotModel) -> None:
-    for landing in (False, True):
-        ramp = ramp_at(robot, 0.45, 0.05, 0.03, landing)
-        h = 1e-4
-        times = ramp.duration - h * np.array([2.0, 1.0, 0.0])
-        q = ramp.at(ramp.duration - times if landing else times)[0]
-        junction = ramp.junction
-        np.testing.assert_allclose(q[2], junction.q, atol=1e-12)
-        velocity = (3 * q[2] - 4 * q[1] + q[0]) / (2 * h)
-        np.testing.assert_allclose(-velocity if landing else velocity, junction.velocity, atol=1e-4)
-        np.testing.assert_allclose((q[2] - 2 * q[1] + q[0]) / h**2, junction.acceleration, atol=0.2)
+def test_what_must_be_straight_is_straight(robot: RobotModel) -> None:
+    """No corner of the hand leaves the line by more than OFF_LINE, and the hand does not turn, at either end."""
+    for form in forms(robot):
+        q = flown(robot, form).q
+        for rows in (q, q[::-1]):
+            moved = apply(flange_poses(robot, rows), CORNERS)
+            moved = moved - moved[0]
+            near = np.abs(moved[:, 0, 2]) < STRAIGHT
+            stretch = moved[: int(np.argmin(near))]
+            assert len(stretch) > 10
+            assert np.linalg.norm(stretch[..., :2], axis=-1).max() < 1.1 * OFF_LINE
+            Ts = forward(robot, rows[: len(stretch)])
+            assert rotation_angle(np.swapaxes(Ts[:, :3, :3], 1, 2) @ Ts[0, :3, :3]).max() < 0.01
 
 
-def test_a_ramp_with_a_limit_keeps_it(robot: RobotModel) -> None:
+def test_a_raised_way_is_higher_in_the_middle(robot: RobotModel) -> None:
+    high = [(forward(robot, flown(robot, form).q) @ T_FLANGE_TOOL)[:, 2, 3] for form in forms(robot)]
+    assert high[2][len(high[2]) // 2] > high[1][len(high[1]) // 2] + 0.5 * HIGH
+
+
+def test_the_tools_acceleration_keeps_its_limit(robot: RobotModel) -> None:
     for limit in (4.0, 12.0):
-        ramp = ramp_at(robot, 0.45, 0.05, 0.03, False, limit)
-        q = ramp.at(np.arange(0.0, ramp.duration, 0.002))[0]
-        z = forward(robot, q)[:, 2, 3]
-        assert np.diff(z, 2).max() / 0.002**2 <= 1.01 * limit
+        for form in forms(robot):
+            q = flown(robot, form, limit).q
+            points = (forward(robot, q) @ T_FLANGE_TOOL)[:-1, :3, 3]
+            shaken = np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() * 480**2
+            assert shaken <= 1.02 * limit
+            assert limit > 4.0 or shaken > 0.85 * limit
+
+
+def test_laws_are_as_quick_as_ruckigs_and_keep_their_limits(robot: RobotModel) -> None:
+    """From rest to rest on one axis, against an arm whose first joint has these limits."""
+    rng = np.random.default_rng(0)
+    v, a, j = (10 ** rng.uniform(-1, 2, 200) for _ in range(3))
+    law = s_curve(v, a, j)
+    one = np.ones(6)
+    for k in range(200):
+        limits = {"velocity": one * v[k], "acceleration": one * a[k], "jerk": one * j[k]}
+        arm = type("Arm", (), limits)
+        found = joint_segment(arm, np.zeros(6), one)  # type: ignore[arg-type]
+        assert law.duration[k] == pytest.approx(found.duration, rel=1e-9)
+    for laws in (law, rise(a, j, rng.uniform(0.1, 0.6, 200))):
+        times = np.linspace(-0.1, 1.1, 1001) * laws.duration[:, None]
+        s = laws.at(times)
+        assert s[0].min() == 0.0 and s[0].max() == pytest.approx(1.0) and (np.diff(s[0], axis=1) >= -1e-12).all()
+        step = times[:, 1:2] - times[:, :1]
+        for lower, upper in pairwise(s[:3]):
+            slope = np.diff(lower, axis=1) / step
+            assert (slope <= np.maximum(upper[:, 1:], upper[:, :-1]) + 0.05 * np.abs(upper).max(axis=1)[:, None]).all()
+        np.testing.assert_allclose(laws.at(laws.when(0.3)[:, None])[0, :, 0], 0.3, atol=2e-3)
+    s = law.at(np.linspace(0.0, 1.0, 1001) * law.duration[:, None])
+    for derivative, limit in zip(s[1:], (v, a, j), strict=True):
+        assert (np.abs(derivative).max(axis=1) <= limit * (1 + 1e-9)).all()
 
 
 def test_rest_to_rest_is_what_ruckig_finds(robot: RobotModel) -> None:
     turned = np.random.default_rng(0).uniform(-2, 2, (200, 6)) * np.logspace(-4, 0, 200)[:, None]
     for d, seconds in zip(turned, rest_to_rest(robot, turned), strict=True):
         assert joint_move(robot, robot.home * 0, d * 0.5).duration <= seconds + 1 / 480
-        found = joint_segment(robot, Junction.at_rest(np.zeros(6)), Junction.at_rest(d))
-        assert found is not None
+        found = joint_segment(robot, np.zeros(6), d)
         assert found.duration == pytest.approx(seconds, abs=1e-9)
-
-
-def test_profiles_are_evaluated_as_ruckig_does(robot: RobotModel) -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(50):
-        ends = [
-            Junction(q, v * robot.velocity, a * robot.acceleration)
-            for q, v, a in zip(*(rng.uniform(-1, 1, (2, 6)) * s for s in (1.0, 0.4, 0.8)), strict=True)
-        ]
-        segment = joint_segment(robot, *ends)
-        if segment is None:
-            continue
-        times = np.linspace(0.0, segment.duration, 40)
-        q, qd = segment.at(times)
-        states = [segment.profile.at_time(t) for t in times]
+        times = np.linspace(0.0, found.duration, 20)
+        q, qd = found.at(times)
+        states = [found.profile.at_time(t) for t in times]
         np.testing.assert_allclose(q, [s[0] for s in states], atol=1e-12)
         np.testing.assert_allclose(qd, [s[1] for s in states], atol=1e-11)

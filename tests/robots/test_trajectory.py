@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from cell.frames import Array, about_axis, invert, make_transform, rotation_angle
+from robots.failure import Cause, Refusal
 from robots.inverse import inverse
 from robots.model import RobotModel, forward
 from robots.timing import JointPath
@@ -95,12 +96,12 @@ def test_the_tool_line_is_straight(robot: RobotModel, R: Array) -> None:
 def test_a_line_that_leaves_the_workspace_is_told(robot: RobotModel) -> None:
     T0 = flange(0.45, 0.0, 0.2)
     q0 = solve(robot, T0)
-    assert tool_line(robot, T0, flange(0.95, 0.0, 0.2), q0) == "out of reach"
+    assert tool_line(robot, T0, flange(0.95, 0.0, 0.2), q0) == Refusal(Cause.OUT_OF_REACH)
     assert linear_move(robot, T0, flange(0.95, 0.0, 0.2), q0) is None
     turned = inverse(robot, T0[None], q0 + np.array([0, 0, 0, 0, 0, 2 * np.pi])).q[0, 0]  # J6 at its limit
     either_way = [tool_line(robot, T0, T0 @ about_axis((0, 0, 1), a), turned) for a in (3.0, -3.0)]
     assert sorted(isinstance(line, JointPath) for line in either_way) == [False, True]
-    assert "joint limit of J6" in either_way
+    assert Refusal(Cause.JOINT_LIMIT, joint=6) in either_way
 
 
 def test_gentle_scale_bounds_the_tools_acceleration(robot: RobotModel) -> None:

@@ -15,8 +15,9 @@ from cell.bin import Box
 from cell.frames import Array, make_transform
 from grasping.verdict import CHOSEN, Verdict
 from robots.collision import CollisionScene, HeightField
+from robots.failure import PlanFailure
 from robots.model import RobotModel, load_robot
-from robots.plan import PlanFailure, check_grasps, plan_pick
+from robots.plan import check_grasps, plan_pick
 from scenarios.cli import main
 from scenarios.explain import explain, nth_attempt
 from scenarios.records import AttemptRecord
@@ -34,9 +35,9 @@ def robot() -> RobotModel:
     return load_robot("lrmate200id")
 
 
-def refusal(failure: Any) -> str:
+def refusal(failure: Any) -> PlanFailure:
     assert isinstance(failure, PlanFailure)
-    return f"{failure.reason}: {failure.detail}"
+    return failure
 
 
 @pytest.mark.parametrize(

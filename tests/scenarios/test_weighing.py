@@ -13,6 +13,7 @@ from cell.wrist import weigh
 from grasping.candidates import GraspCandidate, Selection
 from grasping.ranking import GraspingConfig
 from robots.inverse import inverse
+from robots.timing import rest_to_rest
 from scenarios.episode import oracle_perception
 from scenarios.motion_rank import LONGEST, with_motion
 from scenarios.pick import Memory, attempt_pick, choose, decide
@@ -79,7 +80,7 @@ def test_the_nearer_of_equal_grasps_is_wanted() -> None:
         weights = GraspingConfig(
             **{f"weight_{name}": 0.0 for name in selection.candidates[0].terms} | {"weight_motion": 1}
         )
-        again = with_motion(selection, cell.robot, cell.gripper.T_flange_tool, weights)
+        again = with_motion(selection, cell.robot, cell.robot.home, cell.gripper.T_flange_tool, weights)
         ranks = [c.rank for c in again.candidates]
         assert ranks == sorted(ranks, reverse=True) and 0 < ranks[-1] < ranks[0] < 1
         for c in again.candidates[:: len(ranks) // 5]:
@@ -89,7 +90,8 @@ def test_the_nearer_of_equal_grasps_is_wanted() -> None:
         far = replace(
             selection.candidates[0], T_world_tool=make_transform(t=(5.0, 0, 0)) @ selection.candidates[0].T_world_tool
         )
-        (lost,) = with_motion(Selection([far]), cell.robot, cell.gripper.T_flange_tool, weights).candidates
+        ranked = with_motion(Selection([far]), cell.robot, cell.robot.home, cell.gripper.T_flange_tool, weights)
+        (lost,) = ranked.candidates
         assert lost.rank == 0.0
     finally:
         cell.close()
@@ -97,8 +99,5 @@ def test_the_nearer_of_equal_grasps_is_wanted() -> None:
 
 def _seconds(cell: Workcell, candidate: GraspCandidate) -> float:
     found = inverse(cell.robot, candidate.T_world_tool[None] @ np.linalg.inv(cell.gripper.T_flange_tool))
-    times = []
-    for slot in (0, 4):
-        if found.valid[0, slot]:
-            times.append(float((np.abs(found.q[0, slot] - cell.robot.home) / cell.robot.velocity).max()))
-    return min(times)
+    seconds = rest_to_rest(cell.robot, found.q[0, [0, 4]] - cell.robot.home)
+    return float(seconds[found.valid[0, [0, 4]]].min())

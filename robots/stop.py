@@ -1,0 +1,93 @@
+"""Where a motion starts and ends: a stop, the straight tool line that leads to it, and how fast the motion may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cell.frames import Array
+from robots.collision import Mode
+from robots.dynamics import Load
+from robots.failure import Refusal
+from robots.model import RobotModel
+from robots.timing import JointPath
+from robots.trajectory import tool_line
+
+SAMPLE_STEP = 0.005  # [m] between the points at which a line's joint vectors are exact
+LEAST_SAMPLES, MOST_SAMPLES = 9, 33
+
+
+@dataclass(frozen=True, eq=False)
+class Pace:
+    """How fast a motion may be.
+
+    Attributes:
+        speed: in (0, 1] of the arm's. dt: between samples in [s].
+        T_flange_tool: (4, 4). acceleration: of the TCP not to exceed in [m/s2], None for any.
+        load: what hangs on the flange, for the torques; None for nothing.
+    """
+
+    speed: float
+    dt: float
+    T_flange_tool: Array
+    acceleration: float | None = None
+    load: Load | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A straight tool line away from a stop at flange pose T (4, 4) and joint vector q (6,), by `way` (3,) [m]."""
+
+    robot: RobotModel
+    T: Array
+    q: Array
+    way: Array
+
+    @cached_property
+    def length(self) -> float:
+        """In [m]."""
+        return float(np.linalg.norm(self.way))
+
+    @cached_property
+    def path(self) -> JointPath | Refusal:
+        """In joint space, or why there is none."""
+        T1 = self.T.copy()
+        T1[:3, 3] += self.way
+        samples = int(np.clip(np.ceil(self.length / SAMPLE_STEP) + 1, LEAST_SAMPLES, MOST_SAMPLES))
+        return tool_line(self.robot, self.T, T1, self.q, samples=samples)
+
+    def first(self, length: float) -> Line:
+        """Its beginning."""
+        return self if length >= self.length else replace(self, way=self.way * (length / self.length))
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """Where a motion starts or ends at rest.
+
+    Attributes:
+        q: (6,) in [rad].
+        line: away from it; None where the arm may move as it likes.
+        mode: of the collision checks along the line.
+        straight: how much of the line is kept straight where that is enough, in [m]; None for all of it.
+    """
+
+    q: Array
+    line: Line | None = None
+    mode: Mode = "transit"
+    straight: float | None = None
+
+    @cached_property
+    def usable(self) -> Line | Refusal | None:
+        """As much of the line as the arm can follow, `straight` at least; None where there is none."""
+        if self.line is None:
+            return None
+        least = min(self.straight or self.line.length, self.line.length)
+        for share in (1.0, 0.85, 0.7, 0.55, 0.4, 0.2, 0.0):
+            line = self.line.first(max(share * self.line.length, least))
+            if isinstance(line.path, JointPath):
+                return line
+        assert isinstance(line.path, Refusal)
+        return line.path

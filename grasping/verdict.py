@@ -22,6 +22,7 @@ class Verdict(StrEnum):
     SINGULARITY = "singularity"
     HELD_BIN = "held_bin"
     PATH_BLOCKED = "path_blocked"
+    REHEARSAL = "rehearsal"
     OUTRANKED = "outranked"
 
 
@@ -38,5 +39,6 @@ MEANING = {
     Verdict.SINGULARITY: "the arm would stand too close to a singularity",
     Verdict.HELD_BIN: "the held workpiece would touch the bin on the way out",
     Verdict.PATH_BLOCKED: "no motion without collision was found",
+    Verdict.REHEARSAL: "it did not hold when the grasp oracle tried it in the physics",
     Verdict.OUTRANKED: "better ones were enough",
 }

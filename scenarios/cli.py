@@ -25,6 +25,7 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "compare": "compare two campaigns over the same bins",
     "baseline": "write a small JSON file that a gate compares with",
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
+    "attribute": "what perception, grasp choice and motion each cost, and what to mend first",
     "sweep": "run a scenario for every combination of values",
 }
 

@@ -32,7 +32,7 @@ def run_episode(
     """Fill the bin in the order of `seed` and pick until the end; each attempt is handed on as it ends."""
     start = time.perf_counter()
     perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece, scenario.perception.min_score)
-    cell = Workcell.build(scenario, seed, pictures)
+    cell = Workcell.build(scenario, seed, pictures, oracle)
     try:
         memory = Memory(PlacePlan(cell.place, cell.workpiece))
         picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)

@@ -20,16 +20,18 @@ from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
 from grasping.clearance import OpenGripper
 from robots.collision import CollisionScene
-from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
+from robots.plan import PickPlan, PickRequest, PlanFailure, check_grasps, plan_pick
 from robots.waypoints import waypoints_of
 from scenarios.export_program import as_json
+from scenarios.free_motion import free_plan
 from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
 from scenarios.place import PlacePlan, place_error
 from scenarios.records import AttemptRecord, Reason, nested
+from scenarios.rehearsal import REHEARSALS
 from scenarios.retreat import FALL_TIME, back_off, put_back
-from scenarios.scan import scan_heights, scene_points
+from scenarios.scan import scan_heights, scene_points, true_points
 from scenarios.tree import decision_tree
 from scenarios.weighing import comes_up_double
 from scenarios.workcell import SOURCE, Workcell
@@ -163,7 +165,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "error_mm": 1000 * error,
             "error_deg": np.rad2deg(angle),
             "grasp": decision.candidate.point.name,
-            "waypoints": as_json(waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, STRAIGHT)),
+            "waypoints": None
+            if "motion" in cell.oracle
+            else as_json(waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, STRAIGHT)),
             "robot_s": robot_s,
         }
     if staged or (cell.pictures and not record["success"]):
@@ -185,7 +189,7 @@ def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memo
         cell.workpiece,
         cell.gripper,
         cell.source,
-        scene_points(cell, frame),
+        true_points(cell) if "grasp" in cell.oracle else scene_points(cell, frame),
         cell.scenario.grasping,
         estimates.residuals,
     )
@@ -198,30 +202,66 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
         return Decision(None, None, Reason.NO_DETECTION, {})
     if not selection.candidates:
         return Decision(None, None, Reason.ALL_GRASPS_BLOCKED, {})
-    field = scan_heights(cell, frame)
-    scenes: dict[float, CollisionScene] = {}
+    planner = _FreePlanner(cell, frame, memory) if "motion" in cell.oracle else _ArmPlanner(cell, frame, memory, seed)
     refused: dict[int, str] = {}
     reason = Reason.UNREACHABLE
-    planned = 0
+    rehearsed: list[tuple[int, PickPlan]] = []
     for i in in_rounds(selection.candidates):
         candidate = selection.candidates[i]
-        scene = scenes.get(candidate.opening)
-        if scene is None:
-            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(candidate.opening), cell.obstacles, field)
-            scenes[candidate.opening] = scene
-        stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
-        if stop is None:
-            planned += 1
-            plan = plan_pick(scene, request_of(cell, candidate, memory, seed))
-            if isinstance(plan, PickPlan):
+        plan = planner(candidate)
+        if isinstance(plan, PickPlan):
+            fault = "" if cell.rehearsal is None else cell.rehearsal.refuses(candidate, cell.observe())
+            if not fault:
                 return Decision(candidate, plan, "", refused)
-            stop = plan
-        refused[i] = f"{stop.reason}: {stop.detail}"
-        if stop.reason == "no_path":
-            reason = Reason.NO_PATH
-        if planned >= PLANS_TRIED:
+            rehearsed.append((i, plan))
+            refused[i] = f"rehearsal: {fault}"
+        else:
+            refused[i] = f"{plan.reason}: {plan.detail}"
+            if plan.reason == "no_path":
+                reason = Reason.NO_PATH
+        if planner.planned >= PLANS_TRIED or len(rehearsed) >= REHEARSALS:
             break
+    if rehearsed:  # the grasp oracle chooses among grasps; it does not decide whether to pick
+        best, plan = rehearsed[0]
+        del refused[best]
+        return Decision(selection.candidates[best], plan, "", refused)
     return Decision(None, None, reason, refused)
+
+
+class _ArmPlanner:
+    """Plans of the arm for one candidate after the other; collision scenes are built once for each opening."""
+
+    def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory, seed: int) -> None:
+        self._cell, self._memory, self._seed = cell, memory, seed
+        self._field = scan_heights(cell, frame)
+        self._scenes: dict[float, CollisionScene] = {}
+        self.planned = 0
+
+    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        cell, opening = self._cell, candidate.opening
+        scene = self._scenes.get(opening)
+        if scene is None:
+            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(opening), cell.obstacles, self._field)
+            self._scenes[opening] = scene
+        stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
+        if stop is not None:
+            return stop
+        self.planned += 1
+        return plan_pick(scene, request_of(cell, candidate, self._memory, self._seed))
+
+
+class _FreePlanner:
+    """Plans of the motion oracle."""
+
+    def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory) -> None:
+        self._cell, self._memory = cell, memory
+        self._points = scene_points(cell, frame)
+        self._acceleration = CARRY_ACCELERATION * cell.scenario.carry.speed_scale
+        self.planned = 0
+
+    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        self.planned += 1
+        return free_plan(self._cell, self._points, candidate, self._memory, self._acceleration)
 
 
 def release_opening(cell: Workcell, planned: float, T_world_tool: Array) -> float:
@@ -327,7 +367,7 @@ def move(
             log += execute(world, arm, plan.leave.q, stop_above=limit)
     robot_s = world.time - start
     if log.stopped:
-        arm.reset(cell.robot.home)
+        arm.reset(cell.home)
     world.run_until_rest(REST_LIMIT)
     after = cell.observe()
     return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double), robot_s

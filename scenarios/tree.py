@@ -57,6 +57,8 @@ def planning_verdict(refusal: str, tool: Collection[str]) -> Verdict:
     for pattern, verdict in BY_THE_ARM:
         if re.search(pattern, detail):
             return verdict
+    if reason == "rehearsal":
+        return Verdict.REHEARSAL
     if reason == "unreachable":
         return Verdict.NO_IK
     stage, who, what = _contact(detail)

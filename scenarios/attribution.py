@@ -28,7 +28,7 @@ class Stage:
     Attributes:
         success, clearance: gain of the rate; None where an arm never moved.
         bootstrap95: of the success gained, by cluster bootstrap over episodes; too narrow for few (docs/statistics.md).
-        most: share of the bootstrap's campaigns in which this stage costs most success.
+        most: share of the bootstrap's campaigns in which this stage costs success, and more than any other.
         no_picks: before and after.
     """
 
@@ -85,7 +85,7 @@ def attribute(
                 if any(o.dropped for o in after)
                 else None,
                 bootstrap95=None if bounds is None else (float(bounds[0]), float(bounds[1])),
-                most=None if gains is None else float((gains.argmax(1) == k).mean()),
+                most=None if gains is None else float(((gains.argmax(1) == k) & (gains[:, k] > 0)).mean()),
                 no_picks=(summaries[k]["no_picks"], summaries[k + 1]["no_picks"]),
             )
         )
@@ -119,8 +119,7 @@ def _bootstrap(sides: Sequence[Sequence[Outcome]]) -> np.ndarray | None:
 def verdict_line(a: Attribution) -> str:
     """What to mend first, in a sentence."""
     if a.named is None:
-        tried = [s for s in a.stages if s.most is not None]
-        lead = max(tried, key=lambda s: s.most or 0.0, default=None)
+        lead = max((s for s in a.stages if s.most), key=lambda s: s.most or 0.0, default=None)
         seen = (
             ""
             if lead is None or lead.success is None
@@ -134,19 +133,18 @@ def verdict_line(a: Attribution) -> str:
 
 
 def print_attribution(console: Console, a: Attribution) -> None:
-    """The table and the verdict."""
+    """The table and the verdict; `costs` in points of pick success, `most` as `Stage.most`."""
     table = Table(title=f"{a.summaries[0]['scenario']}: {a.episodes} bins, each with one oracle more")
-    for column in ("replaced by ground truth", "pick success", "95 %", "stage costs, points", "95 %", "most costly in",
-                   "clearance", "no-picks"):  # fmt: skip
-        table.add_column(column, justify="left" if column.startswith("replaced") else "right")
+    for column in ("oracle", "success", "95 %", "costs", "95 %", "most", "cleared", "no-picks"):
+        table.add_column(column, justify="left" if column == "oracle" else "right", no_wrap=True)
     for k, (mode, s) in enumerate(zip(MODES, a.summaries, strict=True)):
         cost: tuple[str, ...] = ("", "", "")
         if k:
             stage = a.stages[k - 1]
             if stage.success is not None:
                 cost = (points(stage.success.difference), span(stage.success.interval95), percent(stage.most, 0))
-        name = f"+ {mode[-1]}" if mode else "nothing"
-        rate = f"{percent(s['success_rate'])} ({s['successes']} of {s['attempts']})", interval(s["cluster95"])
+        name = f"+ {mode[-1]}" if mode else "none"
+        rate = percent(s["success_rate"]), interval(s["cluster95"])
         table.add_row(name, *rate, *cost, percent(s["clearance"]), str(s["no_picks"]))
     console.print(table)
     console.print(f"left when all are replaced: {percent(a.rest)} of the attempts fail", highlight=False)

@@ -24,6 +24,7 @@ from typing import Any
 
 from cell.errors import InputError, PickproofError, SimulationError
 from cell.processes import child_environment
+from scenarios.provenance import provenance
 from scenarios.records import AttemptRecord, EpisodeRecord, Reason
 from scenarios.scenario import Scenario, scenario_hash, scenario_json
 from scenarios.store import Store, versions
@@ -85,6 +86,7 @@ def run_campaign(
         "versions": versions(),
     }
     meta = identity | {"scenario": scenario_json(scenario), "episodes": episodes, "command": command}
+    meta |= provenance()
     begun = time.perf_counter()
     with (
         _signals_noted() as interrupted,

@@ -10,6 +10,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
@@ -20,6 +21,7 @@ from scenarios.files import free_folder
 
 _OWN = {  # commands whose module (dashes are underscores) adds its arguments and has a `main`
     "explain": "why one attempt did what it did: estimates, grasps, verdicts",
+    "replay": "one attempt in 3-D in the browser, or as a film",
     "export-program": "the motion of one attempt as a Fanuc TP program (.LS)",
     "grasps": "check, propose, import and export the grasp points of a workpiece",
     "compare": "compare two campaigns over the same bins",
@@ -70,6 +72,9 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     run.add_argument("--out", type=Path, metavar="DIR", help="default: out/SCENARIO-SEED")
     run.add_argument("--resume", action="store_true", help="continue the campaign in --out")
     run.add_argument("--no-pictures", action="store_true", help="keep no pictures of attempts")
+    run.add_argument(
+        "--keep", choices=("failures", "all", "none"), default="failures", help="attempts kept for `pickproof replay`"
+    )
     run.add_argument("--json", action="store_true", help="print the summary as JSON; progress goes to stderr")
     run.set_defaults(command=_run)
 
@@ -132,6 +137,7 @@ def _run(args: argparse.Namespace) -> int:
     from scenarios.scenario import load_scenario, weights_used
     from scenarios.store import Store
     from scenarios.summary import FILE, LiveView, print_summary, summarise, write_summary
+    from scenarios.tape import Keep
     from scenarios.workcell import check_inputs
 
     scenario = load_scenario(args.scenario, args.set)
@@ -163,7 +169,7 @@ def _run(args: argparse.Namespace) -> int:
                 workers=args.workers,
                 oracle=oracle,
                 out=out,
-                runner=run_episode,
+                runner=partial(run_episode, keep=Keep(out, args.keep)),
                 weights_hash=weights_used(scenario, oracle),
                 command=f"pickproof {shlex.join(args.words)}",
                 resume=args.resume,

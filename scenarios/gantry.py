@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cell.arm import Arm
-from cell.frames import Array, invert
+from cell.frames import Array, invert, make_transform
 from cell.tool import Gripper
 from cell.world import World
 
@@ -48,3 +48,8 @@ def gantry_line(q0: Array, q1: Array, acceleration: float, dt: float) -> Array:
     duration = np.sqrt(10 / np.sqrt(3) * far)
     s = np.linspace(0, 1, max(int(np.ceil(duration / dt)), 2) + 1)[1:, None]
     return np.asarray(q0 + s**3 * (10 - 15 * s + 6 * s * s) * (q1 - q0))
+
+
+def gantry_flange(q: Array) -> Array:
+    """T_world_flange (n, 4, 4) at joints q (n, 6), the inverse of `gantry_joints`."""
+    return make_transform(Rotation.from_euler("ZYX", q[:, 3:]).as_matrix(), q[:, :3])

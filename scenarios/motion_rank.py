@@ -31,4 +31,4 @@ def with_motion(selection: Selection, robot: RobotModel, T_flange_tool: Array, w
     for candidate, time in zip(selection.candidates, seconds, strict=True):
         terms = candidate.terms | {"motion": float(np.clip(1.0 - time / LONGEST, 0.0, 1.0))}
         ranked.append(replace(candidate, terms=terms, rank=float(weights.rank(terms))))
-    return Selection(sorted(ranked, key=lambda c: -c.rank), selection.ruled_out)
+    return replace(selection, candidates=sorted(ranked, key=lambda c: -c.rank))

@@ -106,6 +106,8 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     start = time.perf_counter()
     rng = np.random.default_rng((seed, 1, attempt))
     before = cell.observe()
+    if cell.tape is not None:
+        cell.tape.start()
     frame, ids = cell.capture(rng)
 
     clock = time.perf_counter()
@@ -175,7 +177,10 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         if not record["success"]:
             snap(cell, record["pictures"], "after")
     poses = np.concatenate([after.Ts_world_part[:, :3, 3], to_quat_xyzw(after.Ts_world_part)], axis=1)
-    return AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
+    done = AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
+    if cell.tape is not None:
+        cell.tape.stop(done, frame, estimates, selection, decision)
+    return done
 
 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:

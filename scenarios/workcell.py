@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from scenarios.gantry import gantry_arm
 from scenarios.rehearsal import Rehearsal
 from scenarios.scenario import Scenario
 
+if TYPE_CHECKING:
+    from scenarios.tape import Tape
+
 SOURCE, PLACE = "source", "place"
 FILLS = 5
 """Fills of a seed that are tried."""
@@ -41,6 +45,7 @@ class Workcell:
         oracle: stages that ground truth replaces; with `motion` the arm is a gantry.
         home: (6,) joints of the arm, or of the gantry, before the first pick.
         rehearsal: where the grasp oracle tries grasps, else None.
+        tape: keeps attempts to look at again, else None.
     """
 
     scenario: Scenario
@@ -58,6 +63,7 @@ class Workcell:
     pictures: bool
     oracle: frozenset[str] = frozenset()
     rehearsal: Rehearsal | None = None
+    tape: Tape | None = None
 
     @staticmethod
     def build(scenario: Scenario, seed: int, pictures: bool = False, oracle: frozenset[str] = frozenset()) -> Workcell:

@@ -21,6 +21,7 @@ from scenarios.files import free_folder
 
 _OWN = {  # commands whose module (dashes are underscores) adds its arguments and has a `main`
     "explain": "why one attempt did what it did: estimates, grasps, verdicts",
+    "index": "one page over many runs, with the trend of the rate",
     "replay": "one attempt in 3-D in the browser, or as a film",
     "export-program": "the motion of one attempt as a Fanuc TP program (.LS)",
     "grasps": "check, propose, import and export the grasp points of a workpiece",

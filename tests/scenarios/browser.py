@@ -16,7 +16,6 @@ from websockets.sync.client import connect
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = [
-]
     "--headless=new",
     "--no-sandbox",
     "--disable-dev-shm-usage",

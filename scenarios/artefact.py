@@ -136,7 +136,7 @@ def read_artefact(path: Path) -> Artefact:
         valid = "an attempt that was kept; `pickproof run --keep all` keeps every one"
         raise InputError(path, "", "missing file", valid)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
             head = json.loads(data["head"].tobytes())
             d = {name: data[name] for name in data.files}
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:

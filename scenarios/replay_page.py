@@ -54,9 +54,8 @@ class ReplayPage:
         self._frame, self._playing, self._closed = -1, False, False
         self._server = viser.ViserServer(host=HOST, port=port, label=f"attempt {shown.index}", verbose=False)
         self.url = f"http://{HOST}:{self._server.get_port()}"
-        self._server.gui.configure_theme(
-            control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
-        )
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self._server.gui.main_panel.dock_right()
         x, y, z = shown.scenario.source_bin.position
         self._server.initial_camera.position = (x + 0.24, y - 0.36, z + 0.40)
         self._server.initial_camera.look_at = (x - 0.02, y - 0.02, z + 0.04)

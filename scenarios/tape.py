@@ -41,13 +41,13 @@ class Tape:
         self._cell, self._keep = cell, keep
         self._successes = 0
         self._frames: list[tuple[float, np.ndarray, float, np.ndarray]] = []
-        self._begun, self._next = 0.0, np.inf
+        self._steps, self._next = 0, np.inf
         cell.world.after_step.append(self._watch)
 
     def start(self) -> None:
         """Begin an attempt."""
         self._frames.clear()
-        self._begun = self._next = self._cell.world.time
+        self._steps, self._next = -1, 0.0
         self._watch()
 
     def stop(
@@ -86,10 +86,12 @@ class Tape:
 
     def _watch(self) -> None:
         world, arm = self._cell.world, self._cell.arm
-        if world.time < self._next - world.dt / 2:
+        self._steps += 1  # World.time stands still while several steps are asked for at once
+        time = self._steps * world.dt
+        if time < self._next - world.dt / 2:
             return
         self._next += PERIOD
-        self._frames.append((world.time - self._begun, arm.q, arm.opening, matrices_to_poses(world.part_poses())))
+        self._frames.append((time, arm.q, arm.opening, matrices_to_poses(world.part_poses())))
 
 
 def candidates_of(selection: Selection, decision: Decision, tool: set[str]) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 from fake_episode import fake_attempt, run_episode
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenarios.records import AttemptRecord, EpisodeRecord
@@ -99,6 +99,7 @@ def test_the_place_in_the_bin_is_where_the_estimate_lies():
     assert (tried[0, -1], good[0, -1], tried.sum()) == (2, 1, 2)
 
 
+@settings(deadline=None, max_examples=30)
 @given(st.lists(st.floats(0, 20), max_size=30))
 def test_classes_hold_every_attempt_once(values):
     records = [attempt(i, error_mm=v, error_deg=0.0) for i, v in enumerate(values)]

@@ -66,7 +66,7 @@ class Artefact:
     seed: int
     attempt: int
     carrier: str
-    depth: Array
+    depth: np.ndarray
     intrinsics: Intrinsics
     T_world_camera: Array
     Ts_world_estimate: Array
@@ -121,7 +121,7 @@ def write_artefact(path: Path, a: Artefact) -> Path:
         time=a.motion.time.astype(np.float32),
         q=a.motion.q.astype(np.float32),
         opening=a.motion.opening.astype(np.float32),
-        **_squeezed(a.motion.poses),
+        poses=_squeezed(a.motion.poses),
     )
     return write_whole(path, buffer.getvalue())
 
@@ -143,7 +143,7 @@ def read_artefact(path: Path) -> Artefact:
         raise InputError(path, "", str(error), "a file that `pickproof run` wrote") from None
     if head["version"] > VERSION:
         raise InputError(path, "version", head["version"], f"at most {VERSION}; a newer pickproof wrote this file")
-    depth = cv2.imdecode(d["depth"], cv2.IMREAD_UNCHANGED)
+    depth = np.asarray(cv2.imdecode(d["depth"], cv2.IMREAD_UNCHANGED))
     width, height, *lens = head["intrinsics"]
     return Artefact(
         seed=head["seed"],
@@ -174,13 +174,13 @@ def matrices_to_poses(Ts: Array) -> Array:
     return np.concatenate([Ts[:, :3, 3], to_quat_xyzw(Ts).reshape(-1, 4)], axis=1)
 
 
-def _squeezed(poses: Array) -> dict[str, np.ndarray]:
+def _squeezed(poses: Array) -> np.ndarray:
     """Whole steps, differenced along time with time last: what lies still becomes zeros."""
     steps = poses.copy()
     steps[..., :3] /= LENGTH_STEP
     steps[..., 3:] /= QUAT_STEP
     whole = np.rint(steps).astype(np.int32).transpose(1, 2, 0)
-    return {"poses": np.diff(whole, axis=2, prepend=0)}
+    return np.diff(whole, axis=2, prepend=0)
 
 
 def _unsqueezed(data: dict[str, np.ndarray]) -> Array:

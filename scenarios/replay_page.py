@@ -114,7 +114,7 @@ class ReplayPage:
             f"{'grasp ' + r.grasp if r.grasp else 'the arm did not move'}"
         )
         end = max(float(motion.time[-1]), 0.02)
-        self._slider = gui.add_slider("time [s]", 0.0, round(end, 2), 0.02, 0.0, disabled=len(motion.time) < 2)
+        self._slider: Any = gui.add_slider("time [s]", 0.0, round(end, 2), 0.02, 0.0, disabled=len(motion.time) < 2)
         self._slider.on_update(lambda _: self._go_to(int(np.searchsorted(motion.time, self._slider.value - 1e-3))))
         self._button = gui.add_button("Play", disabled=len(motion.time) < 2)
         self._button.on_click(lambda _: self._toggle())
@@ -257,8 +257,8 @@ def _glyph() -> trimesh.Trimesh:
         ((0.10, 0.001, 0.020), (0.0, 0.0, -0.030)),
     )
     parts = [trimesh.creation.box(size, trimesh.transformations.translation_matrix(at)) for size, at in boxes]
-    mesh: trimesh.Trimesh = trimesh.util.concatenate(parts)
-    return mesh
+    mesh: Any = trimesh.util.concatenate(parts)
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
 def _hit(Ts_world_tool: Array, origin: Array, direction: Array) -> int | None:
@@ -283,7 +283,7 @@ def _add_shape(scene: Any, name: str, shape: LinkShape) -> None:
     scene.add_mesh_simple(name, mesh.vertices, mesh.faces, color=colour, **_pose(shape.T_link_shape))
 
 
-def _pose(T: Array) -> dict[str, Array]:
+def _pose(T: Array) -> dict[str, Any]:
     return {"wxyz": np.roll(to_quat_xyzw(T), 1), "position": T[:3, 3].astype(float)}
 
 

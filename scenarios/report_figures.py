@@ -40,7 +40,7 @@ def pareto(reasons: Sequence[tuple[str, int, bool]]) -> go.Figure:
     Args:
         reasons: (reason, count, whether it is a no-pick).
     """
-    names, counts, idle = ([r[k] for r in reasons] for k in range(3))
+    names, counts, idle = [r[0] for r in reasons], [r[1] for r in reasons], [r[2] for r in reasons]
     total = max(sum(counts), 1)
     figure = make_subplots(specs=[[{"secondary_y": True}]])
     colours = [IDLE if i else BAD for i in idle]

@@ -137,7 +137,7 @@ def _figures(
 ) -> dict[str, str]:
     """Name -> figure as JSON; those that have nothing to show are left out."""
     panels: dict[str, Sequence[Share]] = {
-        "workpieces in the bin": fill[::-1],
+        "workpieces in the bin": [f for f in fill[::-1] if f.n],
         "uncovered share of the workpiece": classes(attempts, uncovered_percent, COVERED, " %"),
         "error of the chosen estimate": classes(attempts, lambda a: a.error_mm, ERRORS_MM, " mm"),
         "tilt of the workpiece": classes(attempts, tilt_deg, TILTS_DEG, " deg"),

@@ -55,7 +55,9 @@ def pareto(reasons: Sequence[tuple[str, int, bool]]) -> go.Figure:
     )
     figure.update_layout(**LAYOUT, height=320)
     figure.update_yaxes(title_text="count", secondary_y=False)
-    figure.update_yaxes(title_text="cumulated, %", range=[0, 104], secondary_y=True, showgrid=False)
+    figure.update_yaxes(
+        title_text="cumulated, %", range=[0, 104], tickvals=[0, 25, 50, 75, 100], secondary_y=True, showgrid=False
+    )
     return figure
 
 

@@ -1,7 +1,7 @@
 """Is the stage named that a fault was planted in? `python -m tests.benchmarks.attribution` (docs/statistics.md).
 
 Three times four campaigns in the real physics over the same bins: as shipped, with noise on every estimate, and with
-one grasp point moved by 4 mm. Remakes docs/images/attribution.png too. 20 to 60 minutes; --resume goes on.
+one grasp point moved by 4 mm. Half an hour and more; the same command again goes on.
 """
 
 from __future__ import annotations

@@ -57,10 +57,12 @@ class Selection:
 
     Attributes:
         ruled_out: estimate -> grasp name -> verdict -> count.
+        verdicts: estimate -> (n,) verdict on each of the grasp poses, empty for a candidate.
     """
 
     candidates: list[GraspCandidate]
     ruled_out: dict[int, dict[str, dict[str, int]]] = field(default_factory=dict)
+    verdicts: dict[int, np.ndarray] = field(default_factory=dict)
 
 
 def select(
@@ -91,6 +93,7 @@ def select(
     betweens = {o: OpenGripper.of([_between(jaw, o)]) for o in grippers} if jaw else {}
     found: list[GraspCandidate] = []
     ruled_out: dict[int, dict[str, dict[str, int]]] = {}
+    of_pose: dict[int, np.ndarray] = {}
     tolerances = np.array([poses.points[i].tolerance for i in poses.index])
     wanted = weights.weight_score * np.asarray(scores) + weights.weight_height * (heights - low) / span
     reach = NEAR + float(np.linalg.norm(workpiece.extents)) / 2
@@ -124,12 +127,12 @@ def select(
         for i, verdict in zip(poses.index, verdicts, strict=True):
             if verdict:
                 counts.setdefault(poses.points[i].name, Counter())[str(verdict)] += 1
-        ruled_out[k] = {name: dict(c) for name, c in counts.items()}
+        ruled_out[k], of_pose[k] = {name: dict(c) for name, c in counts.items()}, verdicts
     found.sort(key=lambda c: -c.rank)
     for candidate in found[weights.max_candidates :]:
         of_point = ruled_out[candidate.estimate].setdefault(candidate.point.name, {})
         of_point[str(Verdict.OUTRANKED)] = of_point.get(str(Verdict.OUTRANKED), 0) + 1
-    return Selection(found[: weights.max_candidates], ruled_out)
+    return Selection(found[: weights.max_candidates], ruled_out, of_pose)
 
 
 def _terms(T_world_part: Array, score: float, height: float, error: float, poses: GraspPoses) -> dict[str, Array]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-ORACLES = ("perception",)
+ORACLES = ("perception", "grasp", "motion")
+"""Stages that ground truth can replace, in the order of a pick; docs/statistics.md defines each."""
 MAX_SEED = 2**31 - 1
 
 

@@ -18,6 +18,7 @@ from typing import Any
 from cell.errors import InputError
 from scenarios.inputs import changed, input_hashes, inputs_hash, versions
 from scenarios.pool import STALL_S, Event, Failure, Kind, Pool, Runner, Task
+from scenarios.provenance import provenance
 from scenarios.records import AttemptRecord, EpisodeRecord, Reason
 from scenarios.scenario import Scenario, scenario_hash, scenario_json
 from scenarios.store import Store
@@ -72,6 +73,7 @@ def run_campaign(
         "versions": versions(),
     }
     told = {"scenario": scenario_json(scenario), "episodes": episodes, "command": command, "wall_s": 0.0}
+    told |= provenance()
     begun = time.perf_counter()
     task = Task(scenario, oracle, runner, pictures)
     with (

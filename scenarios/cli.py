@@ -10,6 +10,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
@@ -20,12 +21,15 @@ from scenarios.files import free_folder
 
 _OWN = {  # commands whose module (dashes are underscores) adds its arguments and has a `main`
     "explain": "why one attempt did what it did: estimates, grasps, verdicts",
+    "index": "one page over many runs, with the trend of the rate",
+    "replay": "one attempt in 3-D in the browser, or as a film",
     "export-program": "the motion of one attempt as a Fanuc TP program (.LS)",
     "grasps": "check, propose, import and export the grasp points of a workpiece",
     "compare": "compare two campaigns over the same bins",
     "baseline": "write a small JSON file that a gate compares with",
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
     "export": "the attempts of a campaign as a Parquet file",
+    "attribute": "what perception, grasp choice and motion each cost, and what to mend first",
     "sweep": "run a scenario for every combination of values",
 }
 
@@ -73,6 +77,9 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         "--ray", metavar="ADDRESS", help="run on a Ray cluster: HOST:PORT, auto, or local to start one on this machine"
     )
     run.add_argument("--no-pictures", action="store_true", help="keep no pictures of attempts")
+    run.add_argument(
+        "--keep", choices=("failures", "all", "none"), default="failures", help="attempts kept for `pickproof replay`"
+    )
     run.add_argument("--json", action="store_true", help="print the summary as JSON; progress goes to stderr")
     run.set_defaults(command=_run, workers=None)
 
@@ -140,6 +147,7 @@ def _run(args: argparse.Namespace) -> int:
     from scenarios.scenario import load_scenario, weights_used
     from scenarios.store import Store
     from scenarios.summary import FILE, LiveView, print_summary, summarise, write_summary
+    from scenarios.tape import Keep
     from scenarios.workcell import check_inputs
 
     scenario = load_scenario(args.scenario, args.set)
@@ -172,7 +180,7 @@ def _run(args: argparse.Namespace) -> int:
                 ray=args.ray,
                 oracle=oracle,
                 out=out,
-                runner=run_episode,
+                runner=partial(run_episode, keep=Keep(out, args.keep)),
                 weights_hash=weights_used(scenario, oracle),
                 command=f"pickproof {shlex.join(args.words)}",
                 resume=args.resume,

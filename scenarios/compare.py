@@ -95,10 +95,10 @@ def compare(a: Path, b: Path) -> Comparison:
     made_with = {key: metas[1].get(key) for key in ("oracle", "weights_hash", "inputs", "versions")}
     changed += changed_names(metas[0], made_with)
     tried = all(any(o.attempts for o in side) for side in pairs)
-    success = _difference(_counts(pairs[0]), _counts(pairs[1])) if tried and not stop else None
+    success = difference_of(counts_of(pairs[0]), counts_of(pairs[1])) if tried and not stop else None
     clearance = None
     if not stop and any(o.dropped for o in pairs[0]):
-        clearance = _difference(_cleared(pairs[0]), _cleared(pairs[1]))
+        clearance = difference_of(cleared_of(pairs[0]), cleared_of(pairs[1]))
     firsts = _first_attempts(*pairs)
     basis: Difference = success or firsts
     low, high = basis.interval95
@@ -119,15 +119,18 @@ def compare(a: Path, b: Path) -> Comparison:
     )
 
 
-def _counts(side: Sequence[Outcome]) -> Counts:
+def counts_of(side: Sequence[Outcome]) -> Counts:
+    """Successes and attempts of each episode."""
     return [o.successes for o in side], [o.attempts for o in side]
 
 
-def _cleared(side: Sequence[Outcome]) -> Counts:
+def cleared_of(side: Sequence[Outcome]) -> Counts:
+    """Workpieces picked and dropped of each episode."""
     return [o.picked for o in side], [o.dropped for o in side]
 
 
-def _difference(a: Counts, b: Counts) -> Difference:
+def difference_of(a: Counts, b: Counts) -> Difference:
+    """The pooled rates of the same episodes, B less A."""
     first, second = (sum(s) / sum(m) for s, m in (a, b))
     return Difference(first, second, second - first, difference_interval(a, b))
 
@@ -163,7 +166,7 @@ def _reasons(
                 if a.reason:
                     found.setdefault(str(a.reason), np.zeros_like(totals))[side, index[a.seed]] += 1
     order = sorted(found, key=lambda reason: (-found[reason].sum(), reason))
-    return {r: _difference(*((found[r][i].tolist(), totals[i].tolist()) for i in (0, 1))) for r in order}
+    return {r: difference_of(*((found[r][i].tolist(), totals[i].tolist()) for i in (0, 1))) for r in order}
 
 
 def _variance(pairs: tuple[list[Outcome], list[Outcome]], firsts: FirstAttempts, whole: bool) -> float:
@@ -173,7 +176,7 @@ def _variance(pairs: tuple[list[Outcome], list[Outcome]], firsts: FirstAttempts,
         return (firsts.only_a + firsts.only_b + 1) / (n + 1) - firsts.difference**2
     if n < 2:
         return 1.0
-    sides = [tuple(np.array(c)[None] for c in _counts(side)) for side in pairs]
+    sides = [tuple(np.array(c)[None] for c in counts_of(side)) for side in pairs]
     return float(difference_variances(sides[0], sides[1])[0]) * n  # type: ignore[arg-type]
 
 

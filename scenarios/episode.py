@@ -14,6 +14,7 @@ from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
 from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
 from scenarios.scenario import Scenario
+from scenarios.tape import Keep, Tape
 from scenarios.workcell import SOURCE, Workcell
 
 ORACLE_PIXELS = 150
@@ -28,11 +29,18 @@ def run_episode(
     oracle: frozenset[str],
     on_attempt: Callable[[AttemptRecord], None],
     pictures: bool,
+    keep: Keep | None = None,
 ) -> EpisodeRecord:
-    """Fill the bin in the order of `seed` and pick until the end; each attempt is handed on as it ends."""
+    """Fill the bin in the order of `seed` and pick until the end; each attempt is handed on as it ends.
+
+    Args:
+        keep: which attempts are kept to look at again, and where; None for none.
+    """
     start = time.perf_counter()
     perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece, scenario.perception.min_score)
-    cell = Workcell.build(scenario, seed, pictures)
+    cell = Workcell.build(scenario, seed, pictures, oracle)
+    if keep is not None and keep.which != "none":
+        cell.tape = Tape(cell, keep)
     try:
         memory = Memory(PlacePlan(cell.place, cell.workpiece))
         picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)

@@ -16,8 +16,8 @@ from rich.tree import Tree
 
 from cell.errors import InputError
 from grasping.verdict import CHOSEN, MEANING, Verdict
+from scenarios.records import MEANING as REASONS
 from scenarios.records import AttemptRecord
-from scenarios.report import MEANING as REASONS
 from scenarios.store import Store
 from scenarios.tree import verdict_counts
 

@@ -13,8 +13,8 @@ class StoreError(PickproofError):
     """Results cannot be read or written (locked, disk full, damaged)."""
 
 
-def write_whole(path: Path, text: str) -> Path:
-    """Write a text file, or leave what was there.
+def write_whole(path: Path, content: str | bytes) -> Path:
+    """Write a file, text as UTF-8, or leave what was there.
 
     Raises:
         StoreError: it cannot be written.
@@ -22,7 +22,7 @@ def write_whole(path: Path, text: str) -> Path:
     partial = path.with_name(path.name + ".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
         partial.replace(path)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written ({error.strerror})") from None

@@ -9,21 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from cell.arm import Arm
 from cell.bin import Bin, table
 from cell.execute import close_jaws, execute, held_parts
 from cell.frames import Array, about_axis, invert, make_transform, rotation_angle
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from cell.world import World
+from scenarios.gantry import gantry_arm, gantry_joints, gantry_line
 
-URDF = Path(__file__).resolve().parent / "gantry.urdf"
-JOINTS = ("x", "y", "z", "yaw", "pitch", "roll")
 FREE = Bin("table", (20.0, 20.0, 1e-4), 0.01, (0.0, 0.0, 0.0))
 """No bin at all: a floor as far as any gripper reaches."""
 LIKELY = 0.02  # probability of a resting pose below which it is not looked at
@@ -51,7 +47,7 @@ class TrialCell:
         self.workpiece, self.gripper = workpiece, gripper
         self.world = World()
         self.world.add_box(table((8.0, 8.0, 0.1), (0.0, 0.0, 0.0)))
-        self.arm = Arm(self.world, URDF, JOINTS, gripper)
+        self.arm = gantry_arm(self.world, gripper)
         self.arm.reset(np.array([0.0, 0.0, 3.0, 0.0, np.pi, 0.0]))
         self.world.add_part(workpiece, make_transform(t=(0.0, 0.0, 1.0)))
 
@@ -88,16 +84,13 @@ class TrialCell:
         return Trial(True, slip, turn, "")
 
     def _line(self, T_world_tool: Array) -> None:
-        """Straight to a tool pose of the same rotation, from rest to rest with a quintic time law."""
+        """Straight to a tool pose of the same rotation, from rest to rest."""
         q0, q1 = self.arm.q, self._joints(T_world_tool)
         q1[3:] = q0[3:]
-        duration = np.sqrt(10 / np.sqrt(3) * np.linalg.norm(q1 - q0) / ACCELERATION)
-        s = np.linspace(0, 1, max(int(np.ceil(duration / self.world.dt)), 2) + 1)[1:, None]
-        execute(self.world, self.arm, q0 + s**3 * (10 - 15 * s + 6 * s * s) * (q1 - q0))
+        execute(self.world, self.arm, gantry_line(q0, q1, ACCELERATION, self.world.dt))
 
     def _joints(self, T_world_tool: Array) -> Array:
-        flange = T_world_tool @ invert(self.gripper.T_flange_tool)
-        return np.concatenate([flange[:3, 3], Rotation.from_matrix(flange[:3, :3]).as_euler("ZYX")])
+        return gantry_joints(T_world_tool, self.gripper.T_flange_tool)
 
 
 def pose_errors(shift: float = SHIFT, turn: float = TURN) -> Array:

@@ -35,4 +35,4 @@ def with_motion(
     for candidate, time in zip(selection.candidates, seconds, strict=True):
         terms = candidate.terms | {"motion": float(np.clip(1.0 - time / LONGEST, 0.0, 1.0))}
         ranked.append(replace(candidate, terms=terms, rank=float(weights.rank(terms))))
-    return Selection(sorted(ranked, key=lambda c: -c.rank), selection.ruled_out)
+    return replace(selection, candidates=sorted(ranked, key=lambda c: -c.rank))

@@ -26,13 +26,15 @@ from robots.failure import PlanFailure, Stage
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
 from robots.waypoints import waypoints_of
 from scenarios.export_program import as_json
+from scenarios.free_motion import free_plan
 from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
 from scenarios.place import PlacePlan, place_error
 from scenarios.records import AttemptRecord, Reason, nested
+from scenarios.rehearsal import REHEARSALS, Rehearsed
 from scenarios.retreat import FALL_TIME, back_off, put_back, recover
-from scenarios.scan import scan_heights, scene_points
+from scenarios.scan import scan_heights, scene_points, true_points
 from scenarios.tree import decision_tree
 from scenarios.weighing import comes_up_double
 from scenarios.workcell import SOURCE, Workcell
@@ -107,6 +109,8 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     start = time.perf_counter()
     rng = np.random.default_rng((seed, 1, attempt))
     before = cell.observe()
+    if cell.tape is not None:
+        cell.tape.start()
     frame, ids = cell.capture(rng)
 
     clock = time.perf_counter()
@@ -170,7 +174,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "error_mm": 1000 * error,
             "error_deg": np.rad2deg(angle),
             "grasp": decision.candidate.point.name,
-            "waypoints": as_json(waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, STRAIGHT)),
+            "waypoints": None
+            if "motion" in cell.oracle
+            else as_json(waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, STRAIGHT)),
             "robot_s": robot_s,
         }
     if staged or (cell.pictures and not record["success"]):
@@ -178,7 +184,10 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         if not record["success"]:
             snap(cell, record["pictures"], "after")
     poses = np.concatenate([after.Ts_world_part[:, :3, 3], to_quat_xyzw(after.Ts_world_part)], axis=1)
-    return AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
+    done = AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
+    if cell.tape is not None:
+        cell.tape.stop(done, frame, estimates, selection, decision)
+    return done
 
 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
@@ -192,13 +201,12 @@ def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memo
         cell.workpiece,
         cell.gripper,
         cell.source,
-        scene_points(cell, frame),
+        true_points(cell) if "grasp" in cell.oracle else scene_points(cell, frame),
         cell.scenario.grasping,
         estimates.residuals,
     )
-    return with_motion(
-        selection, cell.robot, waits_at(cell, memory), cell.gripper.T_flange_tool, cell.scenario.grasping
-    )
+    start = cell.robot.home if "motion" in cell.oracle else waits_at(cell, memory)  # joints of the arm, not a gantry's
+    return with_motion(selection, cell.robot, start, cell.gripper.T_flange_tool, cell.scenario.grasping)
 
 
 def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memory, seed: int) -> Decision:
@@ -207,30 +215,66 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
         return Decision(None, None, Reason.NO_DETECTION, {})
     if not selection.candidates:
         return Decision(None, None, Reason.ALL_GRASPS_BLOCKED, {})
-    field = scan_heights(cell, frame)
-    scenes: dict[float, CollisionScene] = {}
-    refused: dict[int, PlanFailure] = {}
+    planner = _FreePlanner(cell, frame, memory) if "motion" in cell.oracle else _ArmPlanner(cell, frame, memory, seed)
+    refused: dict[int, PlanFailure | Rehearsed] = {}
     reason = Reason.UNREACHABLE
-    planned = 0
+    rehearsed: list[tuple[int, PickPlan]] = []
     for i in in_rounds(selection.candidates):
         candidate = selection.candidates[i]
-        scene = scenes.get(candidate.opening)
-        if scene is None:
-            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(candidate.opening), cell.obstacles, field)
-            scenes[candidate.opening] = scene
-        stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
-        if stop is None:
-            planned += 1
-            plan = plan_pick(scene, request_of(cell, candidate, memory, seed))
-            if isinstance(plan, PickPlan):
+        plan = planner(candidate)
+        if isinstance(plan, PickPlan):
+            fault = "" if cell.rehearsal is None else cell.rehearsal.refuses(candidate, cell.observe())
+            if not fault:
                 return Decision(candidate, plan, "", refused)
-            stop = plan
-        refused[i] = stop
-        if stop.reason == "no_path":
-            reason = Reason.NO_PATH
-        if planned >= PLANS_TRIED:
+            rehearsed.append((i, plan))
+            refused[i] = Rehearsed(fault)
+        else:
+            refused[i] = plan
+            if plan.reason == "no_path":
+                reason = Reason.NO_PATH
+        if planner.planned >= PLANS_TRIED or len(rehearsed) >= REHEARSALS:
             break
+    if rehearsed:  # the grasp oracle chooses among grasps; it does not decide whether to pick
+        best, plan = rehearsed[0]
+        del refused[best]
+        return Decision(selection.candidates[best], plan, "", refused)
     return Decision(None, None, reason, refused)
+
+
+class _ArmPlanner:
+    """Plans of the arm for one candidate after the other; collision scenes are built once for each opening."""
+
+    def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory, seed: int) -> None:
+        self._cell, self._memory, self._seed = cell, memory, seed
+        self._field = scan_heights(cell, frame)
+        self._scenes: dict[float, CollisionScene] = {}
+        self.planned = 0
+
+    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        cell, opening = self._cell, candidate.opening
+        scene = self._scenes.get(opening)
+        if scene is None:
+            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(opening), cell.obstacles, self._field)
+            self._scenes[opening] = scene
+        stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
+        if stop is not None:
+            return stop
+        self.planned += 1
+        return plan_pick(scene, request_of(cell, candidate, self._memory, self._seed))
+
+
+class _FreePlanner:
+    """Plans of the motion oracle."""
+
+    def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory) -> None:
+        self._cell, self._memory = cell, memory
+        self._points = scene_points(cell, frame)
+        self._acceleration = CARRY_ACCELERATION * cell.scenario.carry.speed_scale
+        self.planned = 0
+
+    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        self.planned += 1
+        return free_plan(self._cell, self._points, candidate, self._memory, self._acceleration)
 
 
 def release_opening(cell: Workcell, planned: float, T_world_tool: Array) -> float:
@@ -357,7 +401,7 @@ def move(
         back = recover(cell, candidate, legs[0], legs[1], opening)
         robot_s, set_back = world.time - start, back.stopped
         if set_back:
-            arm.reset(cell.robot.home)
+            arm.reset(cell.home)
     world.run_until_rest(REST_LIMIT)
     after = cell.observe()
     return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back), robot_s

@@ -37,6 +37,23 @@ class Reason(StrEnum):
 NO_PICK_REASONS = frozenset({Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Reason.UNREACHABLE, Reason.NO_PATH})
 """Decisions not to move; they are no attempts and are counted beside the rate."""
 
+MEANING = {
+    Reason.NO_DETECTION: "no workpiece was found that could be verified",
+    Reason.WRONG_POSE: "the estimate was outside tolerance of every workpiece",
+    Reason.ALL_GRASPS_BLOCKED: "no grasp left room for the gripper",
+    Reason.UNREACHABLE: "no free grasp was within the arm's reach",
+    Reason.NO_PATH: "no motion without collision was found",
+    Reason.COLLISION: "arm or gripper touched something too hard",
+    Reason.MISSED: "the gripper closed on nothing",
+    Reason.SLIPPED: "lost while lifting",
+    Reason.DROPPED: "lost on the way to the place bin",
+    Reason.DOUBLE_PICK: "more than one workpiece came along",
+    Reason.MISPLACED: "not at rest in the place bin",
+    Reason.EJECTED: "another workpiece left the bin",
+    Reason.TIMEOUT: "took longer than the scenario allows",
+    Reason.SIMULATION_ERROR: "the simulation broke down",
+}
+
 
 def nested(array: ArrayLike) -> Rows:
     """A matrix (n, m) as nested tuples of floats, the form in which records hold matrices."""

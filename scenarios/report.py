@@ -1,20 +1,31 @@
-"""`pickproof report DIR`: one self-contained HTML page, no script, no network."""
+"""`pickproof report DIR`: one self-contained HTML page; it fetches nothing."""
 
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from cell.page import page_template, png_uri
-from grasping.verdict import CHOSEN, Verdict
-from grasping.verdict import MEANING as VERDICTS
-from scenarios.files import StoreError
-from scenarios.records import NO_PICK_REASONS, AttemptRecord, Reason
-from scenarios.statistics import wilson
+from grasping.verdict import CHOSEN
+from scenarios.artefact import path_of
+from scenarios.files import write_whole
+from scenarios.records import MEANING, NO_PICK_REASONS, AttemptRecord
+from scenarios.report_figures import as_json, cycle, dependence, heat_map, library, pareto
+from scenarios.report_tables import (
+    Share,
+    by_place,
+    classes,
+    cycle_parts,
+    fill_levels,
+    grasp_points,
+    tilt_deg,
+    uncovered_percent,
+    verdict_rows,
+)
+from scenarios.scenario import Scenario
 from scenarios.store import Store
 from scenarios.summary import interval, percent, seconds, summarise
 from scenarios.tree import verdict_counts
@@ -24,49 +35,19 @@ PICTURE_BYTES = 3_500_000
 """Pictures are embedded up to this size in all, before base64 makes them a third larger."""
 SUCCESSES_SHOWN = 4
 ROWS_SHOWN = 2000
-FILL_STEPS = 6
-
-MEANING = {
-    Reason.NO_DETECTION: "no workpiece was found that could be verified",
-    Reason.WRONG_POSE: "the estimate was outside tolerance of every workpiece",
-    Reason.ALL_GRASPS_BLOCKED: "no grasp left room for the gripper",
-    Reason.UNREACHABLE: "no free grasp was within the arm's reach",
-    Reason.NO_PATH: "no motion without collision was found",
-    Reason.COLLISION: "arm or gripper touched something too hard",
-    Reason.MISSED: "the gripper closed on nothing",
-    Reason.SLIPPED: "lost while lifting",
-    Reason.DROPPED: "lost on the way to the place bin",
-    Reason.DOUBLE_PICK: "more than one workpiece came along",
-    Reason.MISPLACED: "not at rest in the place bin",
-    Reason.EJECTED: "another workpiece left the bin",
-    Reason.TIMEOUT: "took longer than the scenario allows",
-    Reason.SIMULATION_ERROR: "the simulation broke down",
-}
-
-
-@dataclass(frozen=True)
-class Share:
-    """A count with its rate and Wilson interval, as a row of a table or a bar."""
-
-    label: str
-    good: int
-    n: int
-
-    @property
-    def rate(self) -> float:
-        return self.good / self.n if self.n else 0.0
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        return wilson(self.good, self.n)
+ERRORS_MM = (0, 0.25, 0.5, 1, 2, 5)
+TILTS_DEG = (0, 15, 30, 45, 60, 75)
+COVERED = (0, 50, 70, 80, 90, 95)
 
 
 @dataclass(frozen=True)
 class Shown:
-    """An attempt with its pictures as data URIs."""
+    """An attempt with its index in the list of all, its pictures as data URIs, and whether it can be replayed."""
 
+    index: int
     attempt: AttemptRecord
     pictures: list[tuple[str, str]]
+    replay: bool = False
 
 
 def write_report(directory: Path) -> Path:
@@ -77,42 +58,7 @@ def write_report(directory: Path) -> Path:
     """
     with Store.read(directory) as store:
         page = _render(store, directory)
-    path = directory / FILE
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written ({error.strerror})") from None
-    return path
-
-
-def fill_levels(attempts: Sequence[AttemptRecord], steps: int = FILL_STEPS) -> list[Share]:
-    """Success by workpieces in the bin when the attempt began, in at most `steps` classes of equal width."""
-    moved = [a for a in attempts if a.moved]
-    most = max((a.parts_in_bin_before for a in moved), default=0)
-    width = max(1, -(-most // steps))
-    shares = []
-    for low in range(1, most + 1, width):
-        mine = [a for a in moved if low <= a.parts_in_bin_before < low + width]
-        high = min(low + width - 1, most)
-        label = f"{low} to {high}" if high > low else str(low)
-        shares.append(Share(label, sum(a.success for a in mine), len(mine)))
-    return shares
-
-
-def grasp_points(attempts: Sequence[AttemptRecord]) -> list[Share]:
-    """Success of each grasp point, most used first."""
-    used = Counter(a.grasp or "(none)" for a in attempts if a.moved)
-    good = Counter(a.grasp or "(none)" for a in attempts if a.success)
-    return [Share(name, good[name], n) for name, n in used.most_common()]
-
-
-def verdict_rows(attempts: Sequence[AttemptRecord]) -> list[tuple[Verdict, int, float, str]]:
-    """Verdict, grasp poses that it ruled out, their share of all, and what it means; none without trees."""
-    counts: Counter[str] = Counter()
-    for attempt in attempts:
-        counts.update(verdict_counts(attempt.tree) if isinstance(attempt.tree, list) else {})
-    total = sum(counts.values())
-    return [(v, counts[v], counts[v] / total, VERDICTS[v]) for v in Verdict if counts[v]]
+    return write_whole(directory / FILE, page)
 
 
 def choose_shown(store: Store, attempts: Sequence[AttemptRecord], budget: int = PICTURE_BYTES) -> list[Shown]:
@@ -126,7 +72,13 @@ def choose_shown(store: Store, attempts: Sequence[AttemptRecord], budget: int = 
     first, left = _embed(store, failed, budget - budget // 4 + left)
     between, left = _embed(store, idle[:SUCCESSES_SHOWN], left)
     last, _ = _embed(store, spread[2:], left)
-    return first + between + shown + last
+    index = {(a.seed, a.attempt): i for i, a in enumerate(attempts)}
+    folder = store.path.parent
+    return [
+        replace(x, index=index[a.seed, a.attempt], replay=path_of(folder, a.seed, a.attempt).is_file())
+        for x in first + between + shown + last
+        for a in [x.attempt]
+    ]
 
 
 def _embed(store: Store, attempts: Sequence[AttemptRecord], budget: int) -> tuple[list[Shown], int]:
@@ -138,16 +90,19 @@ def _embed(store: Store, attempts: Sequence[AttemptRecord], budget: int) -> tupl
             continue
         budget -= size
         uris = [(n, png_uri(png)) for n, png in pictures.items()]
-        shown.append(Shown(a, uris))
+        shown.append(Shown(0, a, uris))
     return shown, budget
 
 
 def _render(store: Store, directory: Path) -> str:
-    summary, meta, attempts = summarise(store), store.meta(), store.attempts()
+    meta, attempts = store.meta(), store.attempts()
+    summary = summarise(store, attempts)
     moved = [a for a in attempts if a.moved]
     no_picks = {str(r) for r in NO_PICK_REASONS}
     reasons = [(r, n, r in no_picks) for r, n in summary["reasons"].items()]
     shown = choose_shown(store, attempts)
+    scenario = Scenario.model_validate_json(meta["scenario"])
+    fill = fill_levels(attempts)
     template = page_template(
         "scenarios", "report.html.j2", percent=percent, interval=interval, seconds=seconds, readable=_readable
     )
@@ -159,8 +114,11 @@ def _render(store: Store, directory: Path) -> str:
         reasons=reasons,
         most=max((n for _, n, _ in reasons), default=1),
         meaning={str(k): v for k, v in MEANING.items()},
-        fill=fill_levels(attempts),
+        fill=fill,
         grasps=grasp_points(attempts),
+        cycle=cycle_parts(attempts),
+        figures=_figures(scenario, attempts, fill, reasons),
+        plotly=library(),
         verdicts=verdict_rows(attempts),
         verdicts_of=lambda a: ", ".join(f"{n} {v}" for v, n in verdict_counts(a.tree).most_common() if v != CHOSEN),
         shown=shown,
@@ -172,6 +130,26 @@ def _render(store: Store, directory: Path) -> str:
         accuracy=_accuracy(moved),
         scenario=json.dumps(json.loads(meta["scenario"]), indent=2),
     )
+
+
+def _figures(
+    scenario: Scenario, attempts: Sequence[AttemptRecord], fill: Sequence[Share], reasons: list[tuple[str, int, bool]]
+) -> dict[str, str]:
+    """Name -> figure as JSON; those that have nothing to show are left out."""
+    panels: dict[str, Sequence[Share]] = {
+        "workpieces in the bin": [f for f in fill[::-1] if f.n],
+        "uncovered share of the workpiece": classes(attempts, uncovered_percent, COVERED, " %"),
+        "error of the chosen estimate": classes(attempts, lambda a: a.error_mm, ERRORS_MM, " mm"),
+        "tilt of the workpiece": classes(attempts, tilt_deg, TILTS_DEG, " deg"),
+    }
+    panels = {name: shares for name, shares in panels.items() if any(s.n for s in shares)}
+    good, tried = by_place(attempts, scenario.source_bin.build("source"))
+    found = {"pareto": pareto(reasons)} if reasons else {}
+    if panels:
+        found |= {"dependence": dependence(panels), "cycle": cycle(cycle_parts(attempts))}
+    if tried.any():
+        found["heat_map"] = heat_map(good, tried, scenario.source_bin.inner)
+    return {name: as_json(figure) for name, figure in found.items()}
 
 
 def _accuracy(attempts: Sequence[AttemptRecord]) -> dict[str, float] | None:

@@ -7,10 +7,11 @@ import numpy as np
 from cell.camera import DepthFrame
 from cell.frames import Array, apply, invert
 from robots.collision import HeightField
-from scenarios.workcell import Workcell
+from scenarios.workcell import SOURCE, Workcell
 
 BIN_MARGIN = 0.002  # [m] from floor and walls within which a measured point is the bin's
 GRID = 0.004  # [m] of the height field
+TRUE_SAMPLES = 1500  # of each workpiece's surface
 
 
 def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
@@ -20,6 +21,13 @@ def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
     lx, ly, _ = cell.source.inner
     inside = (np.abs(local[:, 0]) < lx / 2 - BIN_MARGIN) & (np.abs(local[:, 1]) < ly / 2 - BIN_MARGIN)
     return points[inside & (local[:, 2] > BIN_MARGIN)]
+
+
+def true_points(cell: Workcell) -> Array:
+    """Points (n, 3) in the world on all sides of the workpieces in the source bin, from ground truth."""
+    truth = cell.observe()
+    surface = cell.workpiece.sample_surface(TRUE_SAMPLES, seed=4)[0]
+    return apply(truth.Ts_world_part[list(truth.parts_in(SOURCE))], surface).reshape(-1, 3)
 
 
 def scan_heights(cell: Workcell, frame: DepthFrame) -> HeightField:

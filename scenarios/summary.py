@@ -26,13 +26,17 @@ from scenarios.store import Store, record_hash
 FILE = "summary.json"
 
 
-def summarise(store: Store) -> dict[str, Any]:
+def summarise(store: Store, attempts: Sequence[AttemptRecord] | None = None) -> dict[str, Any]:
     """The summary of a results file, with the keys of docs/scenarios.md.
 
     Rates count attempts, finished episodes or not; clearance and ends count finished episodes. Mean times are over
     attempts that were carried out. `reasons` holds the no-picks too.
+
+    Args:
+        attempts: those of the store, where they have been read already.
     """
-    meta, records, episodes = store.meta(), store.attempts(large=False), store.episodes()
+    meta, episodes = store.meta(), store.episodes()
+    records = store.attempts(large=False) if attempts is None else attempts
     moved = [a for a in records if a.moved]
     successes = sum(a.success for a in moved)
     per_episode: dict[int, list[int]] = {}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from grasping.candidates import Selection
 from grasping.verdict import CHOSEN, Verdict
 from robots.failure import Cause, PlanFailure, Stage
+from scenarios.rehearsal import Rehearsed
 from scenarios.workcell import SOURCE
 
 if TYPE_CHECKING:
@@ -55,8 +56,10 @@ def decision_tree(
     return tree
 
 
-def planning_verdict(failure: PlanFailure, tool: Collection[str]) -> Verdict:
-    """The verdict on a grasp that planning refused."""
+def planning_verdict(failure: PlanFailure | Rehearsed, tool: Collection[str]) -> Verdict:
+    """The verdict on a grasp that planning or its rehearsal refused."""
+    if isinstance(failure, Rehearsed):
+        return Verdict.REHEARSAL
     if failure.cause in BY_THE_ARM:
         return BY_THE_ARM[failure.cause]
     who, what = failure.refusal.contact or ("", "")

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cell.execute import MotionLog, execute
+from cell.frames import Array
 from cell.world import GRAVITY
 from cell.wrist import weigh
 from robots.plan import PickPlan
 from robots.trajectory import joint_move
 from robots.waypoints import before_end
+from scenarios.free_motion import free_raise
 
 if TYPE_CHECKING:
     from scenarios.workcell import Workcell
@@ -30,14 +32,22 @@ def comes_up_double(cell: Workcell, plan: PickPlan, rng: np.random.Generator) ->
     if not heavy:
         return False, log
     limit = cell.scenario.limits.contact_force_N
-    high = before_end(cell.robot, plan.carry, cell.gripper.T_flange_tool, RAISED)
-    up = joint_move(cell.robot, plan.carry.q[-1], plan.carry.q[high], RAISING, cell.world.dt)
-    log += execute(cell.world, cell.arm, up.q, stop_above=limit)
+    up = _way_up(cell, plan)
+    log += execute(cell.world, cell.arm, up, stop_above=limit)
     heavy, weighing = _heavy(cell, rng)
     log += weighing
     if not log.stopped:
-        log += execute(cell.world, cell.arm, up.q[::-1], stop_above=limit)
+        log += execute(cell.world, cell.arm, up[::-1], stop_above=limit)
     return heavy, log
+
+
+def _way_up(cell: Workcell, plan: PickPlan) -> Array:
+    """Joints (n, 6) from the place to RAISED over it."""
+    q, dt = plan.carry.q, cell.world.dt
+    if "motion" in cell.oracle:
+        return free_raise(q[-1], RAISED, dt)
+    high = before_end(cell.robot, plan.carry, cell.gripper.T_flange_tool, RAISED)
+    return joint_move(cell.robot, q[-1], q[high], RAISING, dt).q
 
 
 def _heavy(cell: Workcell, rng: np.random.Generator) -> tuple[bool, MotionLog]:

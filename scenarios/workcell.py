@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from cell.arm import Arm
 from cell.bin import Bin, Box
 from cell.camera import DepthFrame, render
 from cell.errors import InputError, SimulationError
+from cell.frames import Array
 from cell.gripper import load_gripper
 from cell.observe import Snapshot, observe
 from cell.sensor import measure
@@ -20,7 +22,13 @@ from cell.world import World
 from grasping.grasp_points import GraspPoses, load_grasps
 from robots.dynamics import Load, overload
 from robots.model import RobotModel, load_robot
+from scenarios.free_motion import free_home
+from scenarios.gantry import gantry_arm
+from scenarios.rehearsal import Rehearsal
 from scenarios.scenario import Scenario
+
+if TYPE_CHECKING:
+    from scenarios.tape import Tape
 
 SOURCE, PLACE = "source", "place"
 FILLS = 5
@@ -35,6 +43,10 @@ class Workcell:
         obstacles: static boxes of the cell: table and both bins.
         dropped: workpieces that were dropped and lie in the source bin.
         pictures: whether attempts keep pictures.
+        oracle: stages that ground truth replaces; with `motion` the arm is a gantry.
+        home: (6,) joints of the arm, or of the gantry, before the first pick.
+        rehearsal: where the grasp oracle tries grasps, else None.
+        tape: keeps attempts to look at again, else None.
     """
 
     scenario: Scenario
@@ -44,14 +56,18 @@ class Workcell:
     grasps: GraspPoses
     world: World
     arm: Arm
+    home: Array
     source: Bin
     place: Bin
     obstacles: list[Box]
     dropped: int
     pictures: bool
+    oracle: frozenset[str] = frozenset()
+    rehearsal: Rehearsal | None = None
+    tape: Tape | None = None
 
     @staticmethod
-    def build(scenario: Scenario, seed: int, pictures: bool = False) -> Workcell:
+    def build(scenario: Scenario, seed: int, pictures: bool = False, oracle: frozenset[str] = frozenset()) -> Workcell:
         """Build the cell and fill the source bin in the order that `seed` gives.
 
         Now and then a workpiece keeps rocking; such a fill is thrown away and the next one of the seed is taken.
@@ -62,13 +78,13 @@ class Workcell:
         """
         for fill in range(FILLS - 1):
             try:
-                return Workcell._build(scenario, np.random.default_rng((seed, 0, fill)), pictures)
+                return Workcell._build(scenario, np.random.default_rng((seed, 0, fill)), pictures, oracle)
             except SimulationError:
                 continue
-        return Workcell._build(scenario, np.random.default_rng((seed, 0, FILLS - 1)), pictures)
+        return Workcell._build(scenario, np.random.default_rng((seed, 0, FILLS - 1)), pictures, oracle)
 
     @staticmethod
-    def _build(scenario: Scenario, rng: np.random.Generator, pictures: bool) -> Workcell:
+    def _build(scenario: Scenario, rng: np.random.Generator, pictures: bool, oracle: frozenset[str]) -> Workcell:
         workpiece, robot = load_workpiece(scenario.workpiece), load_robot(scenario.robot)
         gripper = load_gripper(scenario.gripper)
         grasps = load_grasps(workpiece, gripper)
@@ -78,20 +94,38 @@ class Workcell:
             obstacles = [scenario.table.build(), *source.boxes(), *place.boxes()]
             for box in obstacles:
                 world.add_box(box)
-            arm = Arm(world, robot.urdf, robot.joints, gripper)
-            arm.reset(robot.home)
+            if "motion" in oracle:
+                arm, home = gantry_arm(world, gripper), free_home(place, gripper)
+            else:
+                arm, home = Arm(world, robot.urdf, robot.joints, gripper), robot.home
+            arm.reset(home)
             heap = fill_bin(world, workpiece, source, scenario.count, rng)
         except BaseException:
             world.close()
             raise
-        dropped = int(heap.inside.sum())
         return Workcell(
-            scenario, workpiece, robot, gripper, grasps, world, arm, source, place, obstacles, dropped, pictures
+            scenario=scenario,
+            workpiece=workpiece,
+            robot=robot,
+            gripper=gripper,
+            grasps=grasps,
+            world=world,
+            arm=arm,
+            home=home,
+            source=source,
+            place=place,
+            obstacles=obstacles,
+            dropped=int(heap.inside.sum()),
+            pictures=pictures,
+            oracle=oracle,
+            rehearsal=Rehearsal(scenario, workpiece, gripper, source, obstacles) if "grasp" in oracle else None,
         )
 
     def close(self) -> None:
         """Free the physics; the cell cannot be used after."""
         self.world.close()
+        if self.rehearsal is not None:
+            self.rehearsal.close()
 
     def observe(self) -> Snapshot:
         """Ground truth, for scoring and the oracle."""

@@ -27,6 +27,7 @@ def run_episode(
     oracle: frozenset[str],
     on_attempt: Callable[[AttemptRecord], None],
     pictures: bool,
+    keep: object = None,
 ) -> EpisodeRecord:
     rng = np.random.default_rng(seed)
     left, attempt = scenario.count, 0

@@ -20,6 +20,7 @@ def run_episode(
     oracle: frozenset[str],
     on_attempt: Callable[[AttemptRecord], None],
     pictures: bool,
+    keep: object = None,
 ) -> EpisodeRecord:
     luck = np.random.default_rng((seed, 1)).random(scenario.stop.attempt_limit)
     left, attempt = scenario.count, 0

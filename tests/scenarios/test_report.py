@@ -1,14 +1,20 @@
 import re
 import struct
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, Browser
 from fake_episode import fake_attempt, run_episode
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from scenarios.inputs import versions
 from scenarios.records import AttemptRecord, EpisodeRecord
-from scenarios.report import choose_shown, fill_levels, grasp_points, write_report
+from scenarios.report import choose_shown, write_report
+from scenarios.report_figures import library
+from scenarios.report_tables import by_place, classes, fill_levels, grasp_points
 from scenarios.scenario import load_scenario, scenario_hash, scenario_json
 from scenarios.store import Store
 from scenarios.summary import summarise
@@ -48,9 +54,57 @@ def test_page_is_whole_and_self_contained(tmp_path):
         s = summarise(store)
     for text in (f"{100 * s['success_rate']:.1f} %", s["record_hash"], s["scenario_hash"], "&lt;b&gt;", "slipped"):
         assert text in page
-    assert "<script" not in page
-    assert not re.search(r"(src|href)=(?!\"data:)", page)
-    assert path.stat().st_size < 6_000_000
+    outside = page.replace(library(), "")
+    assert len(outside) < len(page) - 1_000_000 and page.count(library()) == 1
+    assert not re.search(r"(src|href)=(?!\"data:)", outside)
+    assert path.stat().st_size < 12_000_000
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_the_page_draws_its_figures_and_fetches_nothing(tmp_path):
+    path = write_report(filled(tmp_path / "run"))
+    with Browser(tmp_path) as browser:
+        browser.open(path.as_uri())
+        browser.until("document.querySelectorAll('.js-plotly-plot .main-svg').length >= 4")
+        drawn = browser.run("[...document.querySelectorAll('.js-plotly-plot')].map(d => d.id).sort().join()")
+        assert drawn == "cycle,dependence,heat_map,pareto"
+        assert browser.run("document.querySelectorAll('#pareto .bars path').length") >= 1
+        assert browser.errors == []
+        assert [u for u in browser.requests if not u.startswith(("data:", "blob:"))] == [path.as_uri()]
+
+
+def test_a_script_in_a_name_stays_text(tmp_path):
+    with Store.create(tmp_path, meta()) as store:
+        store.add_attempt(replace(attempt(0, "missed"), grasp="</script><script>alert(1)</script>"))
+    assert "<script>alert(1)" not in write_report(tmp_path).read_text()
+
+
+def test_grasp_points_say_what_ruled_them_out():
+    tree = [
+        {
+            "score": 1.0,
+            "ruled_out": {"step": {"tilt": 3}, "never": {"gripper_bin": 1}},
+            "candidates": [{"grasp": "step", "verdict": "path_blocked", "terms": {}}],
+        }
+    ]
+    rows = {r.label: r for r in grasp_points([replace(attempt(0), tree=tree)])}
+    assert (rows["step"].n, rows["step"].why) == (1, "tilt 75 %, path blocked 25 %")
+    assert (rows["never"].n, rows["never"].why) == (0, "gripper bin 100 %")
+
+
+def test_the_place_in_the_bin_is_where_the_estimate_lies():
+    source = load_scenario("bracket").source_bin.build("source")
+    T = np.eye(4)
+    T[:3, 3] = np.add(source.position, (source.inner[0] * 0.49, -source.inner[1] * 0.49, 0.01))
+    good, tried = by_place([attempt(0, estimate_T_world_part=T), attempt(1, "missed", estimate_T_world_part=T)], source)
+    assert (tried[0, -1], good[0, -1], tried.sum()) == (2, 1, 2)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.floats(0, 20), max_size=30))
+def test_classes_hold_every_attempt_once(values):
+    records = [attempt(i, error_mm=v, error_deg=0.0) for i, v in enumerate(values)]
+    assert sum(s.n for s in classes(records, lambda a: a.error_mm, (0, 1, 5), " mm")) == len(values)
 
 
 def test_unfinished_and_oracle_runs_say_so(tmp_path):

@@ -1,0 +1,28 @@
+"""An episode without physics in which each stage costs a known share of the picks unless its oracle stands in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from scenarios.records import AttemptRecord, EpisodeRecord
+from scenarios.scenario import Scenario
+
+COSTS = {"perception": 0.02, "grasp": 0.25, "motion": 0.04}
+
+
+def run_episode(
+    scenario: Scenario,
+    seed: int,
+    oracle: frozenset[str],
+    on_attempt: Callable[[AttemptRecord], None],
+    pictures: bool,
+) -> EpisodeRecord:
+    """`scenario.count` attempts; the luck of each is that of the seed, whatever the oracles."""
+    luck = np.random.default_rng(seed).random(scenario.count)
+    chance = 1.0 - sum(cost for stage, cost in COSTS.items() if stage not in oracle)
+    for i, draw in enumerate(luck):
+        success = bool(draw < chance)
+        on_attempt(AttemptRecord(seed, i, True, success, "" if success else "slipped", scenario.count, 1))
+    return EpisodeRecord(seed, scenario.count, int((luck < chance).sum()), "stopped", scenario.count, 0.0)

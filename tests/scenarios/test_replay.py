@@ -1,0 +1,168 @@
+"""One kept attempt, from the physics to the page in a real browser."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from browser import CHROMIUM, Browser
+from test_report import meta
+
+from cell.arm import Arm
+from cell.errors import InputError
+from cell.world import World
+from grasping.verdict import CHOSEN, Verdict
+from robots.links import link_poses, link_shapes
+from robots.model import load_robot
+from scenarios.artefact import LENGTH_STEP, path_of, poses_to_matrices, read_artefact, write_artefact
+from scenarios.episode import run_episode
+from scenarios.film import pictures, record
+from scenarios.replay_data import Replayed
+from scenarios.replay_page import ReplayPage
+from scenarios.scenario import load_scenario, scenario_json
+from scenarios.store import Store
+from scenarios.tape import PERIOD, Keep
+
+SEED, LIMIT = 5, 300_000
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two brackets picked with the perception oracle, every attempt kept."""
+    out = tmp_path_factory.mktemp("kept")
+    scenario = load_scenario("bracket", ["count=2"])
+    with Store.create(out, meta(scenario=scenario_json(scenario), episodes=1)) as store:
+        keep = Keep(out, "all")
+        store.add_episode(run_episode(scenario, SEED, frozenset({"perception"}), store.add_attempt, False, keep))
+    return out
+
+
+@pytest.fixture(scope="module")
+def shown(campaign: Path) -> Replayed:
+    return Replayed.load(campaign, "0")
+
+
+@pytest.fixture(scope="module")
+def page(shown: Replayed) -> Iterator[ReplayPage]:
+    built = ReplayPage(shown, port=0)
+    yield built
+    built.close()
+
+
+def test_what_is_kept_is_the_attempt(campaign: Path, shown: Replayed) -> None:
+    a, r = shown.artefact, shown.record
+    assert r.moved and path_of(campaign, SEED, 0).stat().st_size < LIMIT
+    assert np.diff(a.motion.time).max() < PERIOD + 2 / 480 and a.motion.time[0] == 0
+    assert abs(float(a.motion.time[-1]) - r.robot_s) < 2.5  # it goes on until all is at rest
+    last = np.asarray(r.part_poses_after)
+    np.testing.assert_allclose(a.motion.poses[-1][:, :3], last[:, :3], atol=2e-4)
+    chosen = [c for c in a.candidates if c["verdict"] == CHOSEN]
+    assert [c["grasp"] for c in chosen] == [r.grasp]
+    T = np.array(r.estimate_T_world_part)
+    assert np.abs(a.Ts_world_estimate - T).max(axis=(1, 2)).min() < 1e-6
+    at_grasp = np.linalg.norm(shown.Ts_world_tool[:, :3, 3] - chosen[0]["T_world_tool"][:3, 3], axis=1)
+    assert at_grasp.min() < 0.003
+    assert (shown.errors_mm < 1e-2).all() and not shown.wrong.any()
+
+
+def test_every_grasp_pose_has_a_verdict_or_is_a_candidate(shown: Replayed) -> None:
+    a = shown.artefact
+    assert a.verdicts.shape == (len(a.scores), len(a.Ts_part_tool))
+    assert set(np.unique(a.verdicts)) <= {"", *map(str, Verdict)}
+    assert 0 < len(a.candidates) <= np.count_nonzero(a.verdicts == "")
+
+
+def test_writing_and_reading_changes_nothing_but_the_last_digits(shown: Replayed, tmp_path: Path) -> None:
+    a = shown.artefact
+    rng = np.random.default_rng(0)
+    q = rng.standard_normal((9, 3, 4))
+    q /= np.linalg.norm(q, axis=2, keepdims=True)
+    poses = np.concatenate([rng.uniform(-2, 2, (9, 3, 3)), q], axis=2)
+    motion = replace(a.motion, poses=poses, time=np.arange(9.0), q=np.zeros((9, 6)), opening=np.zeros(9))
+    back = read_artefact(write_artefact(tmp_path / "replay" / "1-2.npz", replace(a, motion=motion)))
+    np.testing.assert_allclose(back.motion.poses[..., :3], poses[..., :3], atol=LENGTH_STEP)
+    np.testing.assert_allclose(poses_to_matrices(back.motion.poses[4])[:, :3, :3],
+                               poses_to_matrices(poses[4])[:, :3, :3], atol=2e-4)  # fmt: skip
+    np.testing.assert_array_equal(back.verdicts, a.verdicts)
+    np.testing.assert_array_equal(back.depth > 0, a.depth > 0)
+    np.testing.assert_allclose(back.depth, a.depth, atol=5.1e-5)
+    assert [c["verdict"] for c in back.candidates] == [c["verdict"] for c in a.candidates]
+
+
+def test_what_was_not_kept_or_is_damaged_says_so(campaign: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--keep all"):
+        read_artefact(path_of(tmp_path, 0, 0))
+    whole = path_of(campaign, SEED, 0).read_bytes()
+    (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="pickproof run"):
+        read_artefact(tmp_path / "half.npz")
+
+
+def test_links_stand_where_the_physics_has_them() -> None:
+    """Forward kinematics of the viewer against PyBullet's."""
+    robot = load_robot("lrmate200id")
+    world = World()
+    try:
+        from cell.gripper import load_gripper
+
+        arm = Arm(world, robot.urdf, robot.joints, load_gripper("jaw_v1"))
+        q = robot.home + np.random.default_rng(1).uniform(-0.4, 0.4, 6)
+        arm.reset(q)
+        index = {name: i for i, name in arm.link_names.items()}
+        for name, T in link_poses(robot, q[None]).items():
+            if name in index:
+                state = world.client.getLinkState(arm.body, index[name], computeForwardKinematics=True)
+                np.testing.assert_allclose(T[0, :3, 3], state[4], atol=1e-5)
+    finally:
+        world.close()
+    assert {s.kind for s in link_shapes(robot)} == {"box", "cylinder"}
+
+
+def test_a_film_shows_that_something_moves(shown: Replayed, tmp_path: Path) -> None:
+    last = len(shown.artefact.motion.time) - 1
+    (_, first), (at, end) = pictures(shown, np.array([0, last]))
+    assert at == pytest.approx(float(shown.artefact.motion.time[-1]))
+    changed = (np.abs(first.astype(int) - end).max(axis=2) > 40).mean()
+    assert 0.005 < changed < 0.5
+    with pytest.raises(InputError, match="--record"):
+        record(shown, tmp_path / "film.avi")
+    image = cv2.imread(str(record(shown, tmp_path / "strip.png")))
+    assert image.shape == (840, 1680, 3)
+
+
+def test_the_server_listens_on_the_loopback_interface_only(page: ReplayPage) -> None:
+    port = int(page.url.rsplit(":", 1)[1])
+    listening = []
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            local, state = line.split()[1], line.split()[3]
+            address, _, at = local.partition(":")
+            if int(at, 16) == port and state == "0A":
+                listening.append(address)
+    assert listening == ["0100007F"]  # 127.0.0.1 in the kernel's byte order
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_the_page_loads_plays_and_answers_without_an_error(page: ReplayPage, tmp_path: Path) -> None:
+    with Browser(tmp_path) as browser:
+        browser.open(page.url)
+        browser.until("document.querySelector('canvas')")
+        browser.until("document.body.innerText.includes('Attempt 0') && document.body.innerText.includes('chosen')")
+        for text in ("time [s]", "Play", "measured points", "grasps of"):
+            assert text in browser.run("document.body.innerText")
+        before = page._frame
+        browser.run("[...document.querySelectorAll('button')].find(b => b.innerText.trim() === 'Play').click()")
+        begun = time.monotonic()
+        while page._frame == before and time.monotonic() - begun < 60:
+            time.sleep(0.2)
+        assert page._frame > before
+        picture = cv2.imread(str(browser.picture(tmp_path / "page.png")))
+        assert len(np.unique(picture[:, :800].reshape(-1, 3), axis=0)) > 100  # something is drawn
+        assert browser.errors == []
+        outside = [u for u in browser.requests if not u.startswith((page.url, "data:", "blob:", "ws:", "about:"))]
+        assert outside == []

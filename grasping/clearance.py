@@ -34,12 +34,16 @@ def thin(points: Array, voxel: float = VOXEL) -> Array:
 
 def without_workpiece(points: Array, T_world_part: Array, workpiece: Workpiece, margin: float = OWN) -> Array:
     """The points (n, 3) that do not lie on the workpiece at its estimated pose."""
+    boxes = workpiece.piece_boxes()
     local = apply(invert(T_world_part), points)
-    own = np.zeros(len(points), dtype=bool)
-    for size, T_part_box in workpiece.piece_boxes():
-        p = apply(invert(T_part_box), local)
+    corners = np.concatenate([apply(T_part_box, CORNERS * size / 2) for size, T_part_box in boxes])
+    low, high = corners.min(axis=0) - 2 * margin, corners.max(axis=0) + 2 * margin
+    near = np.flatnonzero(((local > low) & (local < high)).all(axis=1))
+    own = np.zeros(len(near), dtype=bool)
+    for size, T_part_box in boxes:
+        p = apply(invert(T_part_box), local[near])
         own |= (np.abs(p) < np.asarray(size) / 2 + margin).all(axis=1)
-    return points[~own]
+    return np.delete(points, near[own], axis=0)
 
 
 def covered_share(workpiece: Workpiece, T_world_part: Array, others: Array, cell: float = 0.004) -> float:
@@ -84,13 +88,14 @@ class OpenGripper:
 
     def hits_points(self, Ts_world_tool: Array, points: Array, margin: float = POINT_MARGIN) -> np.ndarray:
         """(n,) bool: a point (k, 3) in the world is inside the gripper at a tool pose (n, 4, 4)."""
-        if len(points) == 0:
-            return np.zeros(len(Ts_world_tool), dtype=bool)
-        local = apply(invert(Ts_world_tool), points)
-        inside = np.zeros(local.shape[:2], dtype=bool)
-        for centre, half in zip(self.centres, self.halves, strict=True):
-            inside |= (np.abs(local - centre) < half + margin).all(axis=-1)
-        return np.asarray(inside.any(axis=1))
+        hit = np.zeros(len(Ts_world_tool), dtype=bool)
+        for k, T_world_tool in enumerate(Ts_world_tool):
+            corners = apply(T_world_tool, self.corners)
+            low, high = corners.min(axis=0) - 2 * margin, corners.max(axis=0) + 2 * margin
+            near = points[((points > low) & (points < high)).all(axis=1), None]
+            local = apply(invert(T_world_tool), near.reshape(-1, 3))[:, None]
+            hit[k] = (np.abs(local - self.centres) < self.halves + margin).all(axis=-1).any()
+        return hit
 
     def room(self, T_world_tool: Array, points: Array, most: float) -> float:
         """Distance in [m] from the gripper at one tool pose (4, 4) to the nearest point (k, 3), at most `most`."""

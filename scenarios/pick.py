@@ -43,7 +43,6 @@ PLANS_A_ROUND = 4
 RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
-STRAIGHT = 0.02  # [m] of every line that is kept straight where the rest may be rounded into the flight
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
 
@@ -163,7 +162,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "error_mm": 1000 * error,
             "error_deg": np.rad2deg(angle),
             "grasp": decision.candidate.point.name,
-            "waypoints": as_json(waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, STRAIGHT)),
+            "waypoints": as_json(
+                waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, cell.scenario.carry.straight)
+            ),
             "robot_s": robot_s,
         }
     if staged or (cell.pictures and not record["success"]):
@@ -264,7 +265,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         seed=seed,
         dt=cell.world.dt,
         depart=0.0 if memory.waits_at is None else PLACE_LINE,
-        straight=STRAIGHT,
+        straight=cell.scenario.carry.straight,
         place_rank=memory.place.ranks(),
     )
 

@@ -13,6 +13,8 @@ from scenarios.slots import Slots, slots_in
 
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
 MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
+MAX_FALL = np.deg2rad(60.0)  # through which a workpiece may fall when it is let go at a slant
+UNLIKELY = 0.1  # of the likeliest resting pose's probability: on such a face it stands, and falls at a touch
 SLOTS_OFFERED = 5
 
 
@@ -25,7 +27,7 @@ class PlacePlan:
         slots: where they may lie.
         used: workpieces released over each slot.
         passed: how often each slot was offered and no motion to it was found; others come first then.
-        rests: (r, 3, 3) rotations of the CAD in which it lies still on a plane, z up.
+        rests: (r, 3, 3) rotations of the CAD in which it is likely to lie on a plane, z up.
         offered: (k,) slot of each pose that `tool_poses` returned last.
         leaning: (k,) whether each of them lets the workpiece go as it will not lie.
     """
@@ -44,8 +46,9 @@ class PlacePlan:
         self.slots = slots_in(self.bin, self.workpiece, self.count)
         self.used, self.passed = [0] * len(self.slots.centres), [0] * len(self.slots.centres)
         self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
-        stable, _ = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
-        self.rests = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]  # a round part may have none to speak of
+        stable, chance = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
+        likely = np.asarray(chance) > UNLIKELY * np.max(chance, initial=0.0)
+        self.rests = np.asarray(stable).reshape(-1, 4, 4)[likely, :3, :3]  # a round part may have none to speak of
 
     def tool_poses(self, T_part_tool: Array) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, most wanted first.
@@ -75,14 +78,23 @@ class PlacePlan:
         return np.asarray(poses)
 
     def _tool_rotations(self, T_part_tool: Array) -> list[Array]:
-        """R_bin_tool (3, 3) at yaw 0: the workpiece flat, if the tool need not lean far; then the tool down."""
+        """R_bin_tool (3, 3) at yaw 0: the workpiece as flat as the tool may lean, then the tool straight down.
+
+        What cannot be laid down is let go at a slant, so that it falls the right way.
+        """
         down = about_axis((1, 0, 0), np.array(np.pi))[:3, :3]
         if len(self.rests) == 0:
             return [down]
         flat = self.rests @ T_part_tool[:3, :3]
-        best = int(np.argmin(flat[:, 2, 2]))
-        lean = np.arccos(np.clip(-flat[best, 2, 2], -1.0, 1.0))
-        return [flat[best], down] if lean <= MAX_LEAN else [down]
+        best = flat[int(np.argmin(flat[:, 2, 2]))]
+        lean = float(np.arccos(np.clip(-best[2, 2], -1.0, 1.0)))
+        if lean <= MAX_LEAN:
+            return [best, down]
+        if lean - MAX_LEAN > MAX_FALL:
+            return [down]
+        axis = np.cross(best[:, 2], (0.0, 0.0, -1.0))
+        upright = about_axis(axis / np.linalg.norm(axis), np.array(lean - MAX_LEAN))[:3, :3]
+        return [upright @ best, down]
 
     def ranks(self) -> tuple[int, ...]:
         """Of each pose in the last `tool_poses`: flat ones before others, emptier slots before fuller ones."""

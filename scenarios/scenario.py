@@ -121,6 +121,9 @@ class CarryConfig(Config):
     """How the held workpiece is moved."""
 
     speed_scale: float = Field(default=0.8, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
+    straight: float = Field(
+        default=0.02, gt=0, le=0.5, description="[m] of every line kept straight where the rest may be rounded"
+    )
 
 
 def robots() -> list[str]:

@@ -49,23 +49,23 @@ def slots_in(bin: Bin, workpiece: Workpiece, count: int) -> Slots:
     A slot with room for every yaw leaves the arm the choice; lanes of a slender workpiece hold several times as many.
     There is always one slot, in the middle, however small the bin is.
     """
-    height, width, length = np.sort(workpiece.extents)
-    del height
+    _, width, length = (float(side) for side in np.sort(workpiece.extents))
     layers = max(int(bin.inner[2] / width), 1)
     reach = float(np.hypot(length, width))
-    free = Slots(_grid(bin, reach, reach), None, layers, float(width))
+    free = Slots(_grid(bin, reach, reach), None, layers, width)
     if len(free.centres) >= count:
         return free
-    along = Slots(_grid(bin, length + GAP, width + GAP), 0.0, layers, float(width))
-    across = Slots(_grid(bin, width + GAP, length + GAP), np.pi / 2, layers, float(width))
-    return max((free, along, across), key=lambda slots: len(slots.centres))
+    along = Slots(_grid(bin, length + GAP, width + GAP), 0.0, layers, width)
+    across = Slots(_grid(bin, width + GAP, length + GAP), np.pi / 2, layers, width)
+    most = max((free, along, across), key=lambda slots: len(slots.centres))
+    return most if len(most.centres) else Slots(np.zeros((1, 2)), None, layers, width)
 
 
 def _grid(bin: Bin, length: float, width: float) -> Array:
     """Middles (n, 2) of as many cells of length (x) and width (y) [m] as fit, spread evenly."""
     lx, ly, _ = bin.inner
-    nx, ny = max(int(lx / length), 1), max(int(ly / width), 1)
-    xs, ys = (np.arange(nx) + 0.5) / nx * lx - lx / 2, (np.arange(ny) + 0.5) / ny * ly - ly / 2
+    nx, ny = int(lx / length), int(ly / width)
+    xs, ys = ((np.arange(n) + 0.5) / max(n, 1) * side - side / 2 for n, side in ((nx, lx), (ny, ly)))
     return np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
 
 

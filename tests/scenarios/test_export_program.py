@@ -11,7 +11,6 @@ from cell.gripper import load_gripper
 from robots.model import forward, load_robot
 from robots.tp_program import parse_program
 from scenarios.cli import main
-from scenarios.pick import STRAIGHT
 from scenarios.records import AttemptRecord, Reason
 from scenarios.scenario import load_scenario, scenario_json
 from scenarios.store import Store

@@ -11,7 +11,6 @@ import numpy as np
 from cell.camera import DepthFrame
 from cell.workpiece import load_workpiece
 from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
-from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
 from scenarios.scenario import Scenario
 from scenarios.workcell import SOURCE, Workcell
@@ -34,7 +33,7 @@ def run_episode(
     perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece, scenario.perception.min_score)
     cell = Workcell.build(scenario, seed, pictures)
     try:
-        memory = Memory(PlacePlan(cell.place, cell.workpiece, cell.dropped))
+        memory = Memory(cell.new_place())
         picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)
     finally:
         cell.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +18,7 @@ from cell.grip import grip, held, release
 from cell.observe import Snapshot
 from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
-from grasping.clearance import OpenGripper
+from grasping.grasp_points import GraspPoses
 from robots.collision import CollisionScene
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
 from robots.waypoints import waypoints_of
@@ -26,13 +26,14 @@ from scenarios.export_program import as_json
 from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
-from scenarios.place import PlacePlan, place_error
+from scenarios.place import place_error
+from scenarios.placing import Place
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.retreat import FALL_TIME, back_off, put_back
 from scenarios.scan import scan_heights, scene_points
 from scenarios.tree import decision_tree
 from scenarios.weighing import comes_up_double
-from scenarios.workcell import SOURCE, Workcell
+from scenarios.workcell import PLACE, SOURCE, Workcell
 
 PICTURED = 2
 """Attempts of an episode that are pictured at every stage; failures are pictured anyway, after the fact."""
@@ -88,9 +89,16 @@ class Memory:
         waits_at: (6,) joint vector over the place bin where the arm stands with open jaws; None at home.
     """
 
-    place: PlacePlan
+    place: Place
     waits_at: Array | None = None
     failed: list[tuple[int, Array]] = field(default_factory=list)
+    _placeable: np.ndarray | None = None
+
+    def placeable(self, grasps: GraspPoses) -> np.ndarray:
+        """(n,) bool: the grasp poses of the cell from which a workpiece can be put down as wanted; worked out once."""
+        if self._placeable is None:
+            self._placeable = self.place.placeable(grasps.Ts_part_tool)
+        return self._placeable
 
     def avoided(self, Ts_world_part: Array, attempt: int, span: int) -> np.ndarray:
         """(k,) bool: the estimate lies where a pick failed within the last `span` attempts."""
@@ -137,18 +145,19 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         pose_ok = error < cell.workpiece.tolerance
         wrist = np.random.default_rng((seed, 2, attempt))
         shots = record["pictures"]
-        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist)
+        evidence, robot_s = move(
+            cell, memory.place, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist
+        )
         if evidence.log.stopped:
             memory.waits_at = None
         elif evidence.closed and not evidence.put_back:
             memory.waits_at = decision.plan.carry.q[-1]
         limits, after = cell.scenario.limits, evidence.after
-        verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
-        if verdict == "":
-            T_part_tool = decision.candidate.T_part_tool
-            wanted = memory.place.tool_poses(T_part_tool)[decision.plan.place] @ invert(T_part_tool)
-            off, turned = place_error(after.Ts_world_part[evidence.carried[0]], wanted, cell.workpiece)
+        if set(evidence.carried) & set(after.parts_in(PLACE)):
+            off, turned = how_placed(cell, decision.candidate, decision.plan, memory.place, evidence)
             record |= {"place_mm": 1000 * off, "place_deg": np.rad2deg(turned)}
+            evidence = replace(evidence, in_tolerance=memory.place.accepts(off, turned))
+        verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
         if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
             memory.place.fill(decision.plan.place)
         else:
@@ -175,14 +184,35 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     return AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
 
 
+def how_placed(
+    cell: Workcell, candidate: GraspCandidate, plan: PickPlan, place: Place, evidence: Evidence
+) -> tuple[float, float]:
+    """How far what was carried rests from where it was to be let go, in [m] and [rad]."""
+    wanted = place.tool_poses(candidate.T_part_tool, candidate.opening)[plan.place] @ invert(candidate.T_part_tool)
+    return place_error(evidence.after.Ts_world_part[evidence.carried[0]], wanted, cell.workpiece)
+
+
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
-    """Estimates times grasp points, checked for room and ranked."""
+    """Estimates times grasp points, checked for room and ranked; those without a place only where nothing else is free.
+
+    The latter are refused when a plan is asked for, which tells that a regrasp would be needed.
+    """
+    can = memory.placeable(cell.grasps)
+    selection = _choose(cell, frame, estimates, memory, attempt, cell.grasps.placeable(can))
+    if not selection.candidates and not can.all():
+        selection = _choose(cell, frame, estimates, memory, attempt, cell.grasps)
+    return selection
+
+
+def _choose(
+    cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int, grasps: GraspPoses
+) -> Selection:
     span = cell.scenario.stop.attempts_to_avoid
     selection = select(
         estimates.Ts_world_part,
         estimates.scores,
         memory.avoided(estimates.Ts_world_part, attempt, span),
-        cell.grasps,
+        grasps,
         cell.workpiece,
         cell.gripper,
         cell.source,
@@ -202,10 +232,13 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
     field = scan_heights(cell, frame)
     scenes: dict[float, CollisionScene] = {}
     refused: dict[int, str] = {}
-    reason = Reason.UNREACHABLE
+    reason = Reason.NO_PLACE
     planned = 0
     for i in in_rounds(selection.candidates):
         candidate = selection.candidates[i]
+        if not memory.place.placeable(candidate.T_part_tool[None])[0]:
+            refused[i] = "no_place: held so it cannot be put down as wanted"
+            continue
         scene = scenes.get(candidate.opening)
         if scene is None:
             scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(candidate.opening), cell.obstacles, field)
@@ -218,20 +251,19 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
                 return Decision(candidate, plan, "", refused)
             stop = plan
         refused[i] = f"{stop.reason}: {stop.detail}"
-        if stop.reason == "no_path":
-            reason = Reason.NO_PATH
+        reason = Reason.NO_PATH if Reason.NO_PATH in (reason, stop.reason) else Reason.UNREACHABLE
         if planned >= PLANS_TRIED:
             break
     return Decision(None, None, reason, refused)
 
 
-def release_opening(cell: Workcell, planned: float, T_world_tool: Array) -> float:
-    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets a wall of the bin.
+def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: Array) -> float:
+    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets what stands there.
 
     A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
     """
     for opening in (planned + extra for extra in RELEASE_EXTRA if planned + extra <= cell.gripper.max_opening):
-        if not OpenGripper.of(cell.gripper.boxes(opening)).hits_bin(T_world_tool[None], cell.place)[0]:
+        if place.room(T_world_tool, opening):
             return opening
     return planned
 
@@ -250,7 +282,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     """What the planner is asked for one candidate."""
     T_tool_part = invert(candidate.T_part_tool)
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
-    places = memory.place.tool_poses(candidate.T_part_tool)
+    places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
     return PickRequest(
         q_start=cell.robot.home if memory.waits_at is None else memory.waits_at,
         q_end=None,
@@ -272,6 +304,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
 
 def move(
     cell: Workcell,
+    place: Place,
     candidate: GraspCandidate,
     plan: PickPlan,
     before: Snapshot,
@@ -322,7 +355,7 @@ def move(
             carried = ()
             log += put_back(cell, candidate, plan, opening)
         else:
-            opened = release(world, arm, release_opening(cell, candidate.opening, arm.tool_pose()))
+            opened = release(world, arm, release_opening(cell, place, candidate.opening, arm.tool_pose()))
             released = not opened.parts
             log += opened.log + wait(world, arm, FALL_TIME)
             log += execute(world, arm, plan.leave.q, stop_above=limit)

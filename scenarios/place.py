@@ -8,7 +8,9 @@ import numpy as np
 
 from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
+from grasping.clearance import OpenGripper
 from scenarios.slots import Slots, slots_in
 
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
@@ -34,6 +36,7 @@ class PlacePlan:
 
     bin: Bin
     workpiece: Workpiece
+    gripper: Gripper
     count: int = 1
     slots: Slots = field(init=False)
     used: list[int] = field(init=False)
@@ -50,12 +53,17 @@ class PlacePlan:
         likely = np.asarray(chance) > UNLIKELY * np.max(chance, initial=0.0)
         self.rests = np.asarray(stable).reshape(-1, 4, 4)[likely, :3, :3]  # a round part may have none to speak of
 
-    def tool_poses(self, T_part_tool: Array) -> Array:
+    def placeable(self, Ts_part_tool: Array) -> np.ndarray:
+        """(n,) bool: held so (n, 4, 4), the workpiece can be put down: in a heap always."""
+        return np.ones(len(Ts_part_tool), dtype=bool)
+
+    def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, most wanted first.
 
         The workpiece hangs over the middle of a slot as it will lie, on the resting face that leans the tool least;
         released at a slant it would land on an edge and stay standing. After these come the same slots with the tool
-        straight down. The least used slots come first, each in several yaws.
+        straight down. The least used slots come first, each in several yaws. How far the jaws open, `opening` [m],
+        makes no difference here.
         """
         T_tool_part = np.linalg.inv(T_part_tool)
         order = np.argsort(np.add(self.used, self.passed), kind="stable")[:SLOTS_OFFERED]
@@ -109,6 +117,14 @@ class PlacePlan:
         """Offer other slots next time: no motion led to those of the last `tool_poses`."""
         for slot in np.unique(self.offered):
             self.passed[slot] += 1
+
+    def room(self, T_world_tool: Array, opening: float) -> bool:
+        """Whether the gripper, `opening` [m] open, keeps off the bin at a TCP pose."""
+        return not OpenGripper.of(self.gripper.boxes(opening)).hits_bin(T_world_tool[None], self.bin)[0]
+
+    def accepts(self, off: float, turned: float) -> bool:
+        """A heap has no tolerance."""
+        return True
 
 
 def place_error(T_world_part: Array, T_world_wanted: Array, workpiece: Workpiece) -> tuple[float, float]:

@@ -21,6 +21,7 @@ class Reason(StrEnum):
     NO_DETECTION = "no_detection"
     WRONG_POSE = "wrong_pose"
     ALL_GRASPS_BLOCKED = "all_grasps_blocked"
+    NO_PLACE = "no_place"
     UNREACHABLE = "unreachable"
     NO_PATH = "no_path"
     COLLISION = "collision"
@@ -34,7 +35,9 @@ class Reason(StrEnum):
     SIMULATION_ERROR = "simulation_error"
 
 
-NO_PICK_REASONS = frozenset({Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Reason.UNREACHABLE, Reason.NO_PATH})
+NO_PICK_REASONS = frozenset(
+    {Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Reason.NO_PLACE, Reason.UNREACHABLE, Reason.NO_PATH}
+)
 """Decisions not to move; they are no attempts and are counted beside the rate."""
 
 
@@ -65,8 +68,8 @@ class AttemptRecord:
         estimate_T_world_part: (4, 4) of the chosen estimate, None where none was chosen.
         estimate_score: of the chosen estimate, in [0, 1].
         error_mm, error_deg: chosen estimate against the nearest true pose; None in no-picks.
-        place_mm, place_deg: of a workpiece that was placed, how far it rests from where it was to be let go,
-            horizontally and in rotation; None of others.
+        place_mm, place_deg: of a workpiece that was carried to the place bin, how far it rests from where it was to be
+            let go, horizontally and in rotation; None of others.
         grasp: name of the grasp point, empty where none was chosen.
         sensing_s, perceive_s, choose_s, plan_s, robot_s: sensing time of the scenario, measured compute times, and
             duration of the trajectories, in [s].

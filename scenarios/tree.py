@@ -54,6 +54,8 @@ def decision_tree(
 def planning_verdict(refusal: str, tool: Collection[str]) -> Verdict:
     """The verdict on a grasp that planning refused, from what it said: `reason: stage: what touches what`."""
     reason, _, detail = refusal.partition(": ")
+    if reason == Verdict.NO_PLACE:
+        return Verdict.NO_PLACE
     for pattern, verdict in BY_THE_ARM:
         if re.search(pattern, detail):
             return verdict

@@ -19,6 +19,7 @@ from cell.workpiece import Workpiece, load_workpiece
 from cell.world import World
 from grasping.grasp_points import GraspPoses, load_grasps
 from robots.model import RobotModel, load_robot
+from scenarios.placing import Place, check_room, place_of
 from scenarios.scenario import Scenario
 
 SOURCE, PLACE = "source", "place"
@@ -92,6 +93,10 @@ class Workcell:
         """Free the physics; the cell cannot be used after."""
         self.world.close()
 
+    def new_place(self) -> Place:
+        """The places of the scenario, nothing placed yet."""
+        return place_of(self.scenario, self.place, self.workpiece, self.gripper)
+
     def observe(self) -> Snapshot:
         """Ground truth, for scoring and the oracle."""
         return observe(self.world, [self.source, self.place])
@@ -122,6 +127,7 @@ def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
     workpiece = load_workpiece(scenario.workpiece)
     load_robot(scenario.robot)
     load_grasps(workpiece, load_gripper(scenario.gripper))
+    check_room(scenario, workpiece)
     if "perception" not in oracle:
         from perception.weights import load_weights, weights_path
 

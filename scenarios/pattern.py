@@ -51,8 +51,13 @@ class PatternPlan:
         Some symmetric equivalent of the wanted pose leans the tool by MAX_LEAN at most and keeps the gripper off floor
         and walls. Where it is false the workpiece would have to be gripped anew.
         """
-        shape = OpenGripper.of(self.gripper.boxes(0.0))
-        return np.array([any(len(self._tools(cell, T, shape)) for cell in self._spread()) for T in Ts_part_tool], bool)
+        shape, can = OpenGripper.of(self.gripper.boxes(0.0)), np.zeros(len(Ts_part_tool), dtype=bool)
+        for cell in self._spread():
+            Ts = self._over(cell) @ Ts_part_tool[:, None]
+            good = self._upright(Ts)
+            good[good] = ~shape.hits_bin(Ts[good], self.bin)
+            can |= good.any(axis=1)
+        return can
 
     def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, in free cells, first ones first.
@@ -100,9 +105,18 @@ class PatternPlan:
 
     def _tools(self, cell: int, T_part_tool: Array, shape: OpenGripper) -> Array:
         """TCP poses (k, 4, 4) over one cell that lean little and keep the gripper off the bin."""
-        Ts = make_transform(t=(0.0, 0.0, HOVER)) @ self.wanted[cell] @ self._equivalents @ T_part_tool
-        Ts = Ts[-Ts[:, 2, 2] >= np.cos(MAX_LEAN)]
+        Ts = self._over(cell) @ T_part_tool
+        Ts = Ts[self._upright(Ts)]
         return Ts[~shape.hits_bin(Ts, self.bin)]
+
+    def _over(self, cell: int) -> Array:
+        """Ts_world_part (s, 4, 4) in which a workpiece is let go over a cell: all that its symmetry makes equal."""
+        return np.asarray(make_transform(t=(0.0, 0.0, HOVER)) @ self.wanted[cell] @ self._equivalents)
+
+    @staticmethod
+    def _upright(Ts_world_tool: Array) -> np.ndarray:
+        """(...) bool: the tool leans by MAX_LEAN at most."""
+        return np.asarray(-Ts_world_tool[..., 2, 2] >= np.cos(MAX_LEAN))
 
     def _spread(self) -> list[int]:
         """A cell in the middle, and those at the corners: where walls are nearest."""

@@ -80,7 +80,7 @@ class PatternPlan:
         return Ts_world_tool
 
     def ranks(self) -> tuple[int, ...]:
-        """Of each pose in the last `tool_poses`: earlier cells first, in each the one that leans least (to 5 degrees)."""
+        """Of each pose in the last `tool_poses`: earlier cells first, there what leans least, to 5 degrees."""
         order = {int(cell): i for i, cell in enumerate(dict.fromkeys(self.offered.tolist()))}
         steps = np.rint(np.rad2deg(self.lean) / 5.0).astype(int)
         return tuple(100 * order[int(cell)] + int(step) for cell, step in zip(self.offered, steps, strict=True))
@@ -100,7 +100,7 @@ class PatternPlan:
         return not (shape.hits_bin(Ts, self.bin)[0] or shape.hits_points(Ts, self._placed())[0])
 
     def accepts(self, off: float, turned: float) -> bool:
-        """Whether a workpiece that rests `off` [m] and `turned` [rad] from its wanted pose lies within the tolerance."""
+        """Whether what rests `off` [m] and `turned` [rad] from its wanted pose lies within the tolerance."""
         return 1000 * off <= self.pattern.tolerance_mm and np.rad2deg(turned) <= self.pattern.tolerance_deg
 
     def _tools(self, cell: int, T_part_tool: Array, shape: OpenGripper) -> Array:

@@ -16,7 +16,7 @@ SUPPORT = 2  # of eight neighbours that a measurement needs: at edges single pix
 
 
 def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
-    """Measured points (n, 3) in the world that lie over the source bin and are not the bin; flying pixels are left out."""
+    """Measured points (n, 3) in the world over the source bin that are neither the bin nor flying pixels."""
     points = frame.points_world()[supported(frame.depth)[frame.depth > 0]]
     local = apply(invert(cell.source.T_world_bin), points)
     lx, ly, _ = cell.source.inner

@@ -37,7 +37,7 @@ class Slots:
         return len(self.centres) * self.layers
 
     def yaws(self, outline: Array) -> Array:
-        """Turns (k,) about the vertical in [rad] in which a workpiece of vertices `outline` (v, 2) may lie in a slot."""
+        """Turns (k,) about the vertical in [rad] in which a workpiece of outline (v, 2) [m] may lie in a slot."""
         if self.lane is None:
             return np.arange(YAWS) * 2 * np.pi / YAWS
         return self.lane - _long_side(outline) + np.array([0.0, np.pi])

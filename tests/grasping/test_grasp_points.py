@@ -16,7 +16,17 @@ from cell.jaw import ParallelJaw
 from cell.symmetry import Symmetry
 from cell.tool import Gripper
 from cell.workpiece import Workpiece, list_workpieces, load_workpiece
-from grasping.grasp_points import OPENING_MARGIN, GraspPoint, GraspPoses, Slide, Turn, expand, load_grasps, opening, read_table
+from grasping.grasp_points import (
+    OPENING_MARGIN,
+    GraspPoint,
+    GraspPoses,
+    Slide,
+    Turn,
+    expand,
+    load_grasps,
+    opening,
+    read_table,
+)
 
 PLAIN: dict[str, Any] = {
     "name": "g",

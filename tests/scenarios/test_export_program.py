@@ -38,12 +38,13 @@ def test_the_program_of_a_pick(tmp_path: Path, capsys: pytest.CaptureFixture[str
         assert T is not None
         np.testing.assert_allclose(T, forward(robot, np.array(waypoint["q"])) @ T_flange_tool, atol=5e-6)
         points.append(T[:3, 3])
+    straight = load_scenario("bracket").carry.straight
     for gripper in ("close", "open"):  # into grasp and place on a line, and to a stop
         (at,) = [i for i, w in enumerate(stored) if w["gripper"] == gripper]
         assert stored[at]["motion"] == "L" and stored[at]["cnt"] is None
         T = forward(robot, np.array(stored[at]["q"])) @ T_flange_tool
         way = points[at] - points[at - 1]
-        assert 0.8 * STRAIGHT < np.linalg.norm(way) <= STRAIGHT
+        assert 0.8 * straight < np.linalg.norm(way) <= straight
         down = T[:3, 2] if gripper == "close" else np.array([0.0, 0.0, -1.0])
         assert way @ down / np.linalg.norm(way) > 0.999
     start = np.array(done.attempts[0].waypoints[-1]["q"])

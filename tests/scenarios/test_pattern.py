@@ -116,7 +116,11 @@ def test_a_pattern_that_does_not_fit_is_refused(bracket: Workpiece, changes: lis
 
 @pytest.mark.parametrize(
     ("change", "field"),
-    [("place.rows=0", "place.pattern.rows"), ("place={kind: shelf}", "place"), ("place.tolerance_mm=0", "tolerance_mm")],
+    [
+        ("place.rows=0", "place.pattern.rows"),
+        ("place={kind: shelf}", "place"),
+        ("place.tolerance_mm=0", "tolerance_mm"),
+    ],
 )
 def test_a_bad_field_of_a_pattern_is_named(change: str, field: str) -> None:
     with pytest.raises(InputError, match=field):

@@ -38,7 +38,7 @@ def parts_in_bin(plan: PlacePlan, T_part_tool: Array) -> Array:
 
 
 def test_a_held_part_is_let_go_as_it_will_lie(bracket: Workpiece, holds: Array) -> None:
-    """On a resting face while the tool leans 45 degrees at most, else at that lean, within a fall of it; then straight."""
+    """On a resting face while the tool leans 45 degrees at most, else near it at that lean; then tool down."""
     plan = PlacePlan(BIN, bracket, JAW)
     seen = set()
     for T_part_tool in holds:

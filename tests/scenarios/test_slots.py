@@ -34,7 +34,9 @@ def test_workpieces_in_lanes_lie_inside_and_apart(name: str) -> None:
     workpiece, bin = load_workpiece(scenario.workpiece), scenario.place_bin.build("place")
     plan = PlacePlan(bin, workpiece, load_gripper(scenario.gripper), scenario.count)
     assert plan.slots.lane is not None and len(plan.slots.centres) >= scenario.count
-    hold = invert(make_transform(plan.rests[0]) @ about_axis((0, 0, 1), np.array(0.7))) @ about_axis((1, 0, 0), np.array(np.pi))
+    hold = invert(make_transform(plan.rests[0]) @ about_axis((0, 0, 1), np.array(0.7))) @ about_axis(
+        (1, 0, 0), np.array(np.pi)
+    )
     rectangles = []
     for _ in range(scenario.count):
         Ts = invert(bin.T_world_bin) @ plan.tool_poses(hold) @ invert(hold)

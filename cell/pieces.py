@@ -16,11 +16,14 @@ from scipy.spatial import ConvexHull, QhullError
 
 from cell.config import Config
 from cell.errors import InputError
-from cell.frames import Array, from_rpy, make_transform
+from cell.frames import Array, about_axis, from_rpy, make_transform
 
 HULL_MARGIN = 0.001
 """[m] margin that Bullet keeps around a convex hull."""
 MAX_HULL_VERTICES = 128
+
+OFF_ROUND = 0.003
+"""[m] that the corners of boxes may stand off the cylinder that they cover."""
 
 Triple = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -102,6 +105,20 @@ def enclosing_box(piece: Piece) -> tuple[Triple, Array]:
     low, high = bounds(piece)
     x, y, z = (high - low).tolist()
     return (x, y, z), make_transform(t=(low + high) / 2)
+
+
+def covering_boxes(piece: Piece) -> list[tuple[Triple, Array]]:
+    """Boxes as in `enclosing_box` that together cover a piece; those of a cylinder stand off it by OFF_ROUND at most.
+
+    A polygon of 2 n sides around a circle is the union of n rectangles, each from a side to the one opposite.
+    """
+    if not isinstance(piece, CollisionCylinder):
+        return [enclosing_box(piece)]
+    r = piece.radius
+    n = next(n for n in range(2, 100) if r / np.cos(np.pi / (2 * n)) - r <= OFF_ROUND)
+    size = (2 * r, 2 * r * float(np.tan(np.pi / (2 * n))), piece.length)
+    turns = about_axis((0, 0, 1), np.arange(n) * np.pi / n)
+    return [(size, piece.T_part_cylinder @ turn) for turn in turns]
 
 
 def read_hulls(yaml_path: Path, path: Path, scale: float) -> tuple[CollisionHull, ...]:

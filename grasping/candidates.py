@@ -124,6 +124,8 @@ def select(
                 found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, rank, own))
             pickable += bool((verdicts == "").any())
         counts = {name: Counter({str(Verdict.DISABLED): n}) for name, n in poses.disabled.items()}
+        for name, n in poses.no_place.items():
+            counts.setdefault(name, Counter())[str(Verdict.NO_PLACE)] += n
         for i, verdict in zip(poses.index, verdicts, strict=True):
             if verdict:
                 counts.setdefault(poses.points[i].name, Counter())[str(verdict)] += 1

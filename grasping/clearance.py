@@ -34,12 +34,16 @@ def thin(points: Array, voxel: float = VOXEL) -> Array:
 
 def without_workpiece(points: Array, T_world_part: Array, workpiece: Workpiece, margin: float = OWN) -> Array:
     """The points (n, 3) that do not lie on the workpiece at its estimated pose."""
+    boxes = workpiece.piece_boxes()
     local = apply(invert(T_world_part), points)
-    own = np.zeros(len(points), dtype=bool)
-    for size, T_part_box in workpiece.piece_boxes():
-        p = apply(invert(T_part_box), local)
+    corners = np.concatenate([apply(T_part_box, CORNERS * size / 2) for size, T_part_box in boxes])
+    low, high = corners.min(axis=0) - 2 * margin, corners.max(axis=0) + 2 * margin
+    near = np.flatnonzero(((local > low) & (local < high)).all(axis=1))
+    own = np.zeros(len(near), dtype=bool)
+    for size, T_part_box in boxes:
+        p = apply(invert(T_part_box), local[near])
         own |= (np.abs(p) < np.asarray(size) / 2 + margin).all(axis=1)
-    return points[~own]
+    return np.delete(points, near[own], axis=0)
 
 
 def covered_share(workpiece: Workpiece, T_world_part: Array, others: Array, cell: float = 0.004) -> float:

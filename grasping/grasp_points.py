@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -125,6 +126,7 @@ class GraspPoses:
         depth_rank: (n,) 0 for the most wanted depth.
         offset: (n,) [m] slid away from the centre of the grasp point.
         disabled: grasp point that is switched off -> poses that it would have.
+        no_place: grasp point -> poses left out, since held so the workpiece cannot be put down as wanted.
     """
 
     points: tuple[GraspPoint, ...]
@@ -134,6 +136,13 @@ class GraspPoses:
     depth_rank: np.ndarray
     offset: Array
     disabled: dict[str, int] = field(default_factory=dict)
+    no_place: dict[str, int] = field(default_factory=dict)
+
+    def placeable(self, can: np.ndarray) -> GraspPoses:
+        """Those poses from which the workpiece can be put down, `can` (n,) bool; the others are only counted."""
+        names = Counter(self.points[i].name for i in self.index[~can])
+        rows = (self.index, self.Ts_part_tool, self.openings, self.depth_rank, self.offset)
+        return GraspPoses(self.points, *(row[can] for row in rows), self.disabled, dict(names))
 
 
 def load_grasps(workpiece: Workpiece, gripper: Gripper) -> GraspPoses:

@@ -13,6 +13,7 @@ class Verdict(StrEnum):
     DISABLED = "disabled"
     SCORE = "score"
     AVOIDED = "avoided"
+    NO_PLACE = "no_place"
     TOLERANCE = "tolerance"
     TILT = "tilt"
     GRIPPER_BIN = "gripper_bin"
@@ -31,6 +32,7 @@ MEANING = {
     Verdict.DISABLED: "the grasp point is switched off, or made for another gripper",
     Verdict.SCORE: "the estimate's score is too low",
     Verdict.AVOIDED: "a pick failed there lately",
+    Verdict.NO_PLACE: "held so the workpiece cannot be put down as wanted; it would have to be gripped anew",
     Verdict.TOLERANCE: "the estimate is less certain than the grasp point tolerates",
     Verdict.TILT: "the approach leans too far",
     Verdict.GRIPPER_BIN: "the gripper has no room for the bin",

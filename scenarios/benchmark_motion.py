@@ -30,7 +30,6 @@ from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
 from scenarios.episode import oracle_perception
 from scenarios.pick import Decision, Memory, choose, decide, release_opening, request_of
-from scenarios.place import PlacePlan
 from scenarios.scan import scan_heights
 from scenarios.scenario import Scenario, load_scenario
 from scenarios.workcell import Workcell
@@ -133,7 +132,7 @@ def summary(measured: list[Measured]) -> dict[str, Any]:
 
 def _empty(cell: Workcell, seed: int, picks: int) -> Iterator[Measured]:
     """Picks of one bin, one after the other."""
-    memory = Memory(PlacePlan(cell.place, cell.workpiece))
+    memory = Memory(cell.new_place())
     for attempt in range(picks):
         rng = np.random.default_rng((seed, 1, attempt))
         frame, ids = cell.capture(rng)
@@ -164,7 +163,7 @@ def _measured(
         cell.arm.jaw,
         candidate.opening,
         candidate.point.width,
-        release_opening(cell, candidate.opening, place),
+        release_opening(cell, cell.new_place(), candidate.opening, place),
     )
     return Measured(
         steady=steady,

@@ -11,7 +11,6 @@ import numpy as np
 from cell.camera import DepthFrame
 from cell.workpiece import load_workpiece
 from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
-from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
 from scenarios.scenario import Scenario
 from scenarios.tape import Keep, Tape
@@ -42,7 +41,7 @@ def run_episode(
     if keep is not None and keep.which != "none":
         cell.tape = Tape(cell, keep)
     try:
-        memory = Memory(PlacePlan(cell.place, cell.workpiece))
+        memory = Memory(cell.new_place())
         picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)
     finally:
         cell.close()

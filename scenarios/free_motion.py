@@ -60,7 +60,7 @@ def free_plan(
         return PlanFailure(
             Stage.APPROACH_LINE, Refusal(Cause.COLLISION, contact=("gripper", "pile"), on_line=True), "way to the grasp"
         )
-    places = memory.place.tool_poses(candidate.T_part_tool)
+    places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
     free = np.flatnonzero(~shape.hits_bin(places, cell.place))
     if not len(free):
         return PlanFailure(Stage.PLACE, Refusal(Cause.COLLISION, contact=("gripper", "place")), "place")

@@ -23,6 +23,7 @@ class Evidence:
         before, after: the workpieces before the arm moved, and after it was home and they had time to rest.
         closed, lifted, carried: workpieces that the gripper held after closing, after the lift, and when the place
             pose was reached.
+        in_tolerance: what was carried rests where it was to be let go, as closely as the scenario asks.
         put_back: what came up weighed as much as several, and was let go where it had been.
         set_back: the arm was stopped, could not draw back by itself, and was set back to home by hand.
         released: nothing was held after opening.
@@ -41,6 +42,7 @@ class Evidence:
     pose_ok: bool
     put_back: bool = False
     set_back: bool = False
+    in_tolerance: bool = True
 
 
 def judge(evidence: Evidence, force_limit: float, time_limit: float) -> Reason | Literal[""]:
@@ -78,7 +80,7 @@ def _what_happened(e: Evidence, force_limit: float, time_limit: float) -> Reason
         return Reason.DROPPED
     (part,) = e.carried
     placed = part in e.after.parts_in(PLACE) and bool(e.after.at_rest[part]) and part not in e.after.on_rim
-    placed = placed and e.released
+    placed = placed and e.released and e.in_tolerance
     return "" if placed and left == {part} else Reason.MISPLACED
 
 

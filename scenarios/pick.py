@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +19,8 @@ from cell.observe import Snapshot
 from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
 from grasping.clearance import OpenGripper
-from grasping.verdict import CHOSEN
+from grasping.grasp_points import GraspPoses
+from grasping.verdict import CHOSEN, Verdict
 from robots.collision import CollisionScene
 from robots.dynamics import Load
 from robots.failure import PlanFailure, Stage
@@ -30,14 +31,15 @@ from scenarios.free_motion import free_plan
 from scenarios.motion_rank import with_motion
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
-from scenarios.place import PlacePlan, place_error
+from scenarios.place import place_error
+from scenarios.placing import Place
 from scenarios.records import AttemptRecord, Reason, nested
-from scenarios.rehearsal import REHEARSALS, Rehearsed
+from scenarios.rehearsal import REHEARSALS
 from scenarios.retreat import FALL_TIME, back_off, put_back, recover
 from scenarios.scan import scan_heights, scene_points, true_points
-from scenarios.tree import decision_tree
+from scenarios.tree import RuledOut, decision_tree
 from scenarios.weighing import comes_up_double
-from scenarios.workcell import SOURCE, Workcell
+from scenarios.workcell import PLACE, SOURCE, Workcell
 
 PICTURED = 2
 """Attempts of an episode that are pictured at every stage; failures are pictured anyway, after the fact."""
@@ -48,7 +50,6 @@ PLANS_A_ROUND = 4
 RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
 REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
-STRAIGHT = 0.012  # [m] of every line that is kept straight: as deep as fingers reach beside a workpiece
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
 
@@ -94,9 +95,16 @@ class Memory:
         waits_at: (6,) joint vector over the place bin where the arm stands with open jaws; None at home.
     """
 
-    place: PlacePlan
+    place: Place
     waits_at: Array | None = None
     failed: list[tuple[int, Array]] = field(default_factory=list)
+    _placeable: np.ndarray | None = None
+
+    def placeable(self, grasps: GraspPoses) -> np.ndarray:
+        """(n,) bool: the grasp poses of the cell from which a workpiece can be put down as wanted; worked out once."""
+        if self._placeable is None:
+            self._placeable = self.place.placeable(grasps.Ts_part_tool)
+        return self._placeable
 
     def avoided(self, Ts_world_part: Array, attempt: int, span: int) -> np.ndarray:
         """(k,) bool: the estimate lies where a pick failed within the last `span` attempts."""
@@ -145,7 +153,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         pose_ok = error < cell.workpiece.tolerance
         wrist = np.random.default_rng((seed, 2, attempt))
         shots = record["pictures"]
-        evidence, robot_s = move(cell, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist)
+        evidence, robot_s = move(
+            cell, memory.place, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist
+        )
         if evidence.log.stopped:
             for node in record["tree"][decision.candidate.estimate]["candidates"]:
                 if node["verdict"] == CHOSEN:
@@ -155,12 +165,11 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         elif evidence.closed and not evidence.put_back and not evidence.log.stopped:
             memory.waits_at = decision.plan.carry.q[-1]
         limits, after = cell.scenario.limits, evidence.after
-        verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
-        if verdict == "":
-            T_part_tool = decision.candidate.T_part_tool
-            wanted = memory.place.tool_poses(T_part_tool)[decision.plan.place] @ invert(T_part_tool)
-            off, turned = place_error(after.Ts_world_part[evidence.carried[0]], wanted, cell.workpiece)
+        if set(evidence.carried) & set(after.parts_in(PLACE)):
+            off, turned = how_placed(cell, decision.candidate, decision.plan, memory.place, evidence)
             record |= {"place_mm": 1000 * off, "place_deg": np.rad2deg(turned)}
+            evidence = replace(evidence, in_tolerance=memory.place.accepts(off, turned))
+        verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
         if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
             memory.place.fill(decision.plan.place)
         else:
@@ -176,7 +185,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "grasp": decision.candidate.point.name,
             "waypoints": None
             if "motion" in cell.oracle
-            else as_json(waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, STRAIGHT)),
+            else as_json(
+                waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, cell.scenario.carry.straight)
+            ),
             "robot_s": robot_s,
         }
     if staged or (cell.pictures and not record["success"]):
@@ -190,14 +201,35 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     return done
 
 
+def how_placed(
+    cell: Workcell, candidate: GraspCandidate, plan: PickPlan, place: Place, evidence: Evidence
+) -> tuple[float, float]:
+    """How far what was carried rests from where it was to be let go, in [m] and [rad]."""
+    wanted = place.tool_poses(candidate.T_part_tool, candidate.opening)[plan.place] @ invert(candidate.T_part_tool)
+    return place_error(evidence.after.Ts_world_part[evidence.carried[0]], wanted, cell.workpiece)
+
+
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
-    """Estimates times grasp points, checked for room and ranked."""
+    """Estimates times grasp points, checked for room and ranked; those without a place only where nothing else is free.
+
+    The latter are refused when a plan is asked for, which tells that a regrasp would be needed.
+    """
+    can = memory.placeable(cell.grasps)
+    selection = _choose(cell, frame, estimates, memory, attempt, cell.grasps.placeable(can))
+    if not selection.candidates and not can.all():
+        selection = _choose(cell, frame, estimates, memory, attempt, cell.grasps)
+    return selection
+
+
+def _choose(
+    cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int, grasps: GraspPoses
+) -> Selection:
     span = cell.scenario.stop.attempts_to_avoid
     selection = select(
         estimates.Ts_world_part,
         estimates.scores,
         memory.avoided(estimates.Ts_world_part, attempt, span),
-        cell.grasps,
+        grasps,
         cell.workpiece,
         cell.gripper,
         cell.source,
@@ -216,22 +248,24 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
     if not selection.candidates:
         return Decision(None, None, Reason.ALL_GRASPS_BLOCKED, {})
     planner = _FreePlanner(cell, frame, memory) if "motion" in cell.oracle else _ArmPlanner(cell, frame, memory, seed)
-    refused: dict[int, PlanFailure | Rehearsed] = {}
-    reason = Reason.UNREACHABLE
+    refused: dict[int, PlanFailure | RuledOut] = {}
+    reason = Reason.NO_PLACE
     rehearsed: list[tuple[int, PickPlan]] = []
     for i in in_rounds(selection.candidates):
         candidate = selection.candidates[i]
+        if not memory.place.placeable(candidate.T_part_tool[None])[0]:
+            refused[i] = RuledOut(Verdict.NO_PLACE, "held so it cannot be put down as wanted")
+            continue
         plan = planner(candidate)
         if isinstance(plan, PickPlan):
             fault = "" if cell.rehearsal is None else cell.rehearsal.refuses(candidate, cell.observe())
             if not fault:
                 return Decision(candidate, plan, "", refused)
             rehearsed.append((i, plan))
-            refused[i] = Rehearsed(fault)
+            refused[i] = RuledOut(Verdict.REHEARSAL, fault)
         else:
             refused[i] = plan
-            if plan.reason == "no_path":
-                reason = Reason.NO_PATH
+            reason = Reason.NO_PATH if Reason.NO_PATH in (reason, plan.reason) else Reason.UNREACHABLE
         if planner.planned >= PLANS_TRIED or len(rehearsed) >= REHEARSALS:
             break
     if rehearsed:  # the grasp oracle chooses among grasps; it does not decide whether to pick
@@ -277,13 +311,13 @@ class _FreePlanner:
         return free_plan(self._cell, self._points, candidate, self._memory, self._acceleration)
 
 
-def release_opening(cell: Workcell, planned: float, T_world_tool: Array) -> float:
-    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets a wall of the bin.
+def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: Array) -> float:
+    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets what stands there.
 
     A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
     """
     for opening in (planned + extra for extra in RELEASE_EXTRA if planned + extra <= cell.gripper.max_opening):
-        if not OpenGripper.of(cell.gripper.boxes(opening)).hits_bin(T_world_tool[None], cell.place)[0]:
+        if place.room(T_world_tool, opening):
             return opening
     return planned
 
@@ -302,7 +336,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     """What the planner is asked for one candidate."""
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
-    places = memory.place.tool_poses(candidate.T_part_tool)
+    places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
     return PickRequest(
         q_start=waits_at(cell, memory),
         q_end=None,
@@ -317,7 +351,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         seed=seed,
         dt=cell.world.dt,
         depart=0.0 if memory.waits_at is None else PLACE_LINE,
-        straight=STRAIGHT,
+        straight=cell.scenario.carry.straight,
         place_rank=memory.place.ranks(),
         tool_load=Load(cell.gripper.mass, cell.gripper.centre),
         part_load=Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0]),
@@ -331,6 +365,7 @@ def waits_at(cell: Workcell, memory: Memory) -> Array:
 
 def move(
     cell: Workcell,
+    place: Place,
     candidate: GraspCandidate,
     plan: PickPlan,
     before: Snapshot,
@@ -389,7 +424,7 @@ def move(
             carried = ()
             log += put_back(cell, candidate, plan, opening)
         else:
-            opened = release(world, arm, release_opening(cell, candidate.opening, arm.tool_pose()))
+            opened = release(world, arm, release_opening(cell, place, candidate.opening, arm.tool_pose()))
             released = not opened.parts
             log += opened.log
             if len(plan.leave.q) > 1:  # else it falls while the next image is taken

@@ -8,28 +8,37 @@ import numpy as np
 
 from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
+from grasping.clearance import OpenGripper
+from scenarios.slots import Slots, slots_in
 
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
-YAWS = 8
 MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
+MAX_FALL = np.deg2rad(60.0)  # through which a workpiece may fall when it is let go at a slant
+UNLIKELY = 0.1  # of the likeliest resting pose's probability: on such a face it stands, and falls at a touch
 SLOTS_OFFERED = 5
 
 
 @dataclass
 class PlacePlan:
-    """Slots on a grid in the place bin, filled layer by layer; what was put where is remembered, not measured.
+    """Slots in the place bin, filled layer by layer; what was put where is remembered, not measured.
 
     Attributes:
+        count: workpieces that are to find a place.
+        slots: where they may lie.
         used: workpieces released over each slot.
         passed: how often each slot was offered and no motion to it was found; others come first then.
-        rests: (r, 3, 3) rotations of the CAD in which it lies still on a plane, z up.
+        rests: (r, 3, 3) rotations of the CAD in which it is likely to lie on a plane, z up.
         offered: (k,) slot of each pose that `tool_poses` returned last.
         leaning: (k,) whether each of them lets the workpiece go as it will not lie.
     """
 
     bin: Bin
     workpiece: Workpiece
+    gripper: Gripper
+    count: int = 1
+    slots: Slots = field(init=False)
     used: list[int] = field(init=False)
     passed: list[int] = field(init=False)
     rests: Array = field(init=False)
@@ -37,35 +46,37 @@ class PlacePlan:
     leaning: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        reach = float(np.linalg.norm(np.sort(self.workpiece.extents)[-2:]))
-        lx, ly, _ = self.bin.inner
-        nx, ny = max(int(lx / reach), 1), max(int(ly / reach), 1)
-        xs, ys = (np.arange(nx) + 0.5) / nx * lx - lx / 2, (np.arange(ny) + 0.5) / ny * ly - ly / 2
-        self.slots = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
-        self.used, self.passed = [0] * len(self.slots), [0] * len(self.slots)
+        self.slots = slots_in(self.bin, self.workpiece, self.count)
+        self.used, self.passed = [0] * len(self.slots.centres), [0] * len(self.slots.centres)
         self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
-        stable, _ = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
-        self.rests = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]  # a round part may have none to speak of
-        self.layer = float(np.sort(self.workpiece.extents)[1])
+        stable, chance = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
+        likely = np.asarray(chance) > UNLIKELY * np.max(chance, initial=0.0)
+        self.rests = np.asarray(stable).reshape(-1, 4, 4)[likely, :3, :3]  # a round part may have none to speak of
 
-    def tool_poses(self, T_part_tool: Array) -> Array:
+    def placeable(self, Ts_part_tool: Array) -> np.ndarray:
+        """(n,) bool: held so (n, 4, 4), the workpiece can be put down: in a heap always."""
+        return np.ones(len(Ts_part_tool), dtype=bool)
+
+    def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, most wanted first.
 
         The workpiece hangs over the middle of a slot as it will lie, on the resting face that leans the tool least;
         released at a slant it would land on an edge and stay standing. After these come the same slots with the tool
-        straight down. The least used slots come first, each in several yaws.
+        straight down. The least used slots come first, each in several yaws. How far the jaws open, `opening` [m],
+        makes no difference here.
         """
         T_tool_part = np.linalg.inv(T_part_tool)
         order = np.argsort(np.add(self.used, self.passed), kind="stable")[:SLOTS_OFFERED]
         poses, slots, leaning = [], [], []
         for kind, R in enumerate(self._tool_rotations(T_part_tool)):
             hang = make_transform(R) @ T_tool_part
-            lowest = float(apply(hang, self.workpiece.vertices)[:, 2].min())
+            hanging = apply(hang, self.workpiece.vertices)
+            yaws = self.slots.yaws(hanging[:, :2])
             centre = hang[:3, 3] * (1.0, 1.0, 0.0)
             for slot in order:
-                x, y = self.slots[slot]
-                at = np.array([x, y, self.used[slot] * self.layer + DROP - lowest])
-                for yaw in np.arange(YAWS) * 2 * np.pi / YAWS:
+                x, y = self.slots.centres[slot]
+                at = np.array([x, y, self.used[slot] * self.slots.layer + DROP - hanging[:, 2].min()])
+                for yaw in yaws:
                     turn = about_axis((0, 0, 1), np.array(yaw))
                     T_bin_tool = make_transform(turn[:3, :3] @ R, at - turn[:3, :3] @ centre)
                     poses.append(self.bin.T_world_bin @ T_bin_tool)
@@ -75,14 +86,23 @@ class PlacePlan:
         return np.asarray(poses)
 
     def _tool_rotations(self, T_part_tool: Array) -> list[Array]:
-        """R_bin_tool (3, 3) at yaw 0: the workpiece flat, if the tool need not lean far; then the tool down."""
+        """R_bin_tool (3, 3) at yaw 0: the workpiece as flat as the tool may lean, then the tool straight down.
+
+        What cannot be laid down is let go at a slant, so that it falls the right way.
+        """
         down = about_axis((1, 0, 0), np.array(np.pi))[:3, :3]
         if len(self.rests) == 0:
             return [down]
         flat = self.rests @ T_part_tool[:3, :3]
-        best = int(np.argmin(flat[:, 2, 2]))
-        lean = np.arccos(np.clip(-flat[best, 2, 2], -1.0, 1.0))
-        return [flat[best], down] if lean <= MAX_LEAN else [down]
+        best = flat[int(np.argmin(flat[:, 2, 2]))]
+        lean = float(np.arccos(np.clip(-best[2, 2], -1.0, 1.0)))
+        if lean <= MAX_LEAN:
+            return [best, down]
+        if lean - MAX_LEAN > MAX_FALL:
+            return [down]
+        axis = np.cross(best[:, 2], (0.0, 0.0, -1.0))
+        upright = about_axis(axis / np.linalg.norm(axis), np.array(lean - MAX_LEAN))[:3, :3]
+        return [upright @ best, down]
 
     def ranks(self) -> tuple[int, ...]:
         """Of each pose in the last `tool_poses`: flat ones before others, emptier slots before fuller ones."""
@@ -97,6 +117,14 @@ class PlacePlan:
         """Offer other slots next time: no motion led to those of the last `tool_poses`."""
         for slot in np.unique(self.offered):
             self.passed[slot] += 1
+
+    def room(self, T_world_tool: Array, opening: float) -> bool:
+        """Whether the gripper, `opening` [m] open, keeps off the bin at a TCP pose."""
+        return not OpenGripper.of(self.gripper.boxes(opening)).hits_bin(T_world_tool[None], self.bin)[0]
+
+    def accepts(self, off: float, turned: float) -> bool:
+        """A heap has no tolerance."""
+        return True
 
 
 def place_error(T_world_part: Array, T_world_wanted: Array, workpiece: Workpiece) -> tuple[float, float]:

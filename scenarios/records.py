@@ -21,6 +21,7 @@ class Reason(StrEnum):
     NO_DETECTION = "no_detection"
     WRONG_POSE = "wrong_pose"
     ALL_GRASPS_BLOCKED = "all_grasps_blocked"
+    NO_PLACE = "no_place"
     UNREACHABLE = "unreachable"
     NO_PATH = "no_path"
     COLLISION = "collision"
@@ -34,13 +35,16 @@ class Reason(StrEnum):
     SIMULATION_ERROR = "simulation_error"
 
 
-NO_PICK_REASONS = frozenset({Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Reason.UNREACHABLE, Reason.NO_PATH})
+NO_PICK_REASONS = frozenset(
+    {Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Reason.NO_PLACE, Reason.UNREACHABLE, Reason.NO_PATH}
+)
 """Decisions not to move; they are no attempts and are counted beside the rate."""
 
 MEANING = {
     Reason.NO_DETECTION: "no workpiece was found that could be verified",
     Reason.WRONG_POSE: "the estimate was outside tolerance of every workpiece",
     Reason.ALL_GRASPS_BLOCKED: "no grasp left room for the gripper",
+    Reason.NO_PLACE: "no free grasp allows the wanted place; it takes a regrasp",
     Reason.UNREACHABLE: "no free grasp was within the arm's reach",
     Reason.NO_PATH: "no motion without collision was found",
     Reason.COLLISION: "arm or gripper touched something too hard",
@@ -48,7 +52,7 @@ MEANING = {
     Reason.SLIPPED: "lost while lifting",
     Reason.DROPPED: "lost on the way to the place bin",
     Reason.DOUBLE_PICK: "more than one workpiece came along",
-    Reason.MISPLACED: "not at rest in the place bin",
+    Reason.MISPLACED: "not at rest in the place bin, or out of tolerance",
     Reason.EJECTED: "another workpiece left the bin",
     Reason.TIMEOUT: "took longer than the scenario allows",
     Reason.SIMULATION_ERROR: "the simulation broke down",
@@ -82,8 +86,8 @@ class AttemptRecord:
         estimate_T_world_part: (4, 4) of the chosen estimate, None where none was chosen.
         estimate_score: of the chosen estimate, in [0, 1].
         error_mm, error_deg: chosen estimate against the nearest true pose; None in no-picks.
-        place_mm, place_deg: of a workpiece that was placed, how far it rests from where it was to be let go,
-            horizontally and in rotation; None of others.
+        place_mm, place_deg: of a workpiece that was carried to the place bin, how far it rests from where it was to be
+            let go, horizontally and in rotation; None of others.
         grasp: name of the grasp point, empty where none was chosen.
         sensing_s, perceive_s, choose_s, plan_s, robot_s: sensing time of the scenario, measured compute times, and
             duration of the trajectories, in [s].

@@ -7,7 +7,6 @@ an episode and the workpieces are put back before each trial, so a rehearsal cos
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,16 +27,6 @@ REHEARSALS = 10
 APPROACH, LIFT = 0.04, 0.12  # [m] of straight line before and after the grasp
 ACCELERATION = 12.0  # [m/s2]
 AWAY = (0.0, 0.0, -5.0)  # [m] where workpieces are kept that do not lie in the bin
-
-
-@dataclass(frozen=True)
-class Rehearsed:
-    """A grasp that its rehearsal ruled out, and why."""
-
-    fault: str
-
-    def __str__(self) -> str:
-        return f"rehearsal: {self.fault}"
 
 
 class Rehearsal:

@@ -12,11 +12,13 @@ from scenarios.workcell import SOURCE, Workcell
 BIN_MARGIN = 0.002  # [m] from floor and walls within which a measured point is the bin's
 GRID = 0.004  # [m] of the height field
 TRUE_SAMPLES = 1500  # of each workpiece's surface
+LONE = 0.008  # [m] of depth within which a neighbouring pixel supports a measurement
+SUPPORT = 2  # of eight neighbours that a measurement needs: at edges single pixels fly between near and far
 
 
 def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
-    """Measured points (n, 3) in the world that lie over the source bin and are not the bin."""
-    points = frame.points_world()
+    """Measured points (n, 3) in the world over the source bin that are neither the bin nor flying pixels."""
+    points = frame.points_world()[supported(frame.depth)[frame.depth > 0]]
     local = apply(invert(cell.source.T_world_bin), points)
     lx, ly, _ = cell.source.inner
     inside = (np.abs(local[:, 0]) < lx / 2 - BIN_MARGIN) & (np.abs(local[:, 1]) < ly / 2 - BIN_MARGIN)
@@ -28,6 +30,14 @@ def true_points(cell: Workcell) -> Array:
     truth = cell.observe()
     surface = cell.workpiece.sample_surface(TRUE_SAMPLES, seed=4)[0]
     return apply(truth.Ts_world_part[list(truth.parts_in(SOURCE))], surface).reshape(-1, 3)
+def supported(depth: np.ndarray) -> np.ndarray:
+    """(h, w) bool: pixels with at least SUPPORT of their eight neighbours within LONE of their own depth [m]."""
+    h, w = depth.shape
+    padded = np.pad(depth, 1, constant_values=-1.0)
+    count = np.zeros((h, w), dtype=np.int8)
+    for dv, du in ((0, 0), (0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1), (2, 2)):
+        count += np.abs(padded[dv : dv + h, du : du + w] - depth) < LONE
+    return (count >= SUPPORT) & (depth > 0)
 
 
 def scan_heights(cell: Workcell, frame: DepthFrame) -> HeightField:

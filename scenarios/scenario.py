@@ -23,6 +23,7 @@ from cell.frames import Array
 from cell.sensor import SensorConfig
 from cell.workpiece import list_workpieces, search_path
 from grasping.ranking import GraspingConfig
+from scenarios.place_config import HeapPlace, PlaceConfig
 
 SHIPPED = Path(__file__).resolve().parent
 Triple = tuple[float, float, float]
@@ -121,6 +122,9 @@ class CarryConfig(Config):
     """How the held workpiece is moved."""
 
     speed_scale: float = Field(default=0.8, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
+    straight: float = Field(
+        default=0.012, gt=0, le=0.5, description="[m] of every line kept straight where the rest may be rounded"
+    )
 
 
 def robots() -> list[str]:
@@ -149,6 +153,7 @@ class Scenario(Config):
     gripper: str = "jaw_v1"
     source_bin: BinConfig = BinConfig(position=(0.45, 0.0, 0.01))
     place_bin: BinConfig = BinConfig(inner=(0.40, 0.30, 0.06), position=(0.16, -0.43, 0.01))
+    place: PlaceConfig = Field(default=HeapPlace(), description="kind heap, or pattern with its grid")
     table: TableConfig = TableConfig()
     camera: CameraConfig = CameraConfig()
     sensor: SensorConfig = SensorConfig.model_validate({})

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from grasping.candidates import Selection
 from grasping.verdict import CHOSEN, Verdict
 from robots.failure import Cause, PlanFailure, Stage
-from scenarios.rehearsal import Rehearsed
 from scenarios.workcell import SOURCE
 
 if TYPE_CHECKING:
     from scenarios.pick import Decision, Estimates
+
+
+@dataclass(frozen=True)
+class RuledOut:
+    """A grasp that was ruled out for another reason than its motion, and why."""
+
+    verdict: Verdict
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: {self.why}"
+
 
 BY_THE_ARM = {
     Cause.OUT_OF_REACH: Verdict.NO_IK,
@@ -56,10 +68,10 @@ def decision_tree(
     return tree
 
 
-def planning_verdict(failure: PlanFailure | Rehearsed, tool: Collection[str]) -> Verdict:
-    """The verdict on a grasp that planning or its rehearsal refused."""
-    if isinstance(failure, Rehearsed):
-        return Verdict.REHEARSAL
+def planning_verdict(failure: PlanFailure | RuledOut, tool: Collection[str]) -> Verdict:
+    """The verdict on a grasp that was refused when its turn came."""
+    if isinstance(failure, RuledOut):
+        return failure.verdict
     if failure.cause in BY_THE_ARM:
         return BY_THE_ARM[failure.cause]
     who, what = failure.refusal.contact or ("", "")

@@ -24,6 +24,7 @@ from robots.dynamics import Load, overload
 from robots.model import RobotModel, load_robot
 from scenarios.free_motion import free_home
 from scenarios.gantry import gantry_arm
+from scenarios.placing import Place, check_room, place_of
 from scenarios.rehearsal import Rehearsal
 from scenarios.scenario import Scenario
 
@@ -127,6 +128,10 @@ class Workcell:
         if self.rehearsal is not None:
             self.rehearsal.close()
 
+    def new_place(self) -> Place:
+        """The places of the scenario, nothing placed yet."""
+        return place_of(self.scenario, self.place, self.workpiece, self.gripper)
+
     def observe(self) -> Snapshot:
         """Ground truth, for scoring and the oracle."""
         return observe(self.world, [self.source, self.place])
@@ -157,6 +162,7 @@ def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
     workpiece, gripper = load_workpiece(scenario.workpiece), load_gripper(scenario.gripper)
     check_payload(scenario, load_robot(scenario.robot), gripper, workpiece)
     load_grasps(workpiece, gripper)
+    check_room(scenario, workpiece)
     if "perception" not in oracle:
         from perception.weights import load_weights, weights_path
 

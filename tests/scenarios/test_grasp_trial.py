@@ -84,3 +84,18 @@ def test_pose_errors_are_the_size_that_they_say() -> None:
     turns = rotation_angle(errors[:, :3, :3])
     assert sorted(np.round(shifts, 9)) == [0.0] * 7 + [SHIFT] * 6
     np.testing.assert_allclose(sorted(turns), [0.0] * 7 + [TURN] * 6, atol=1e-9)
+
+
+def test_a_heavy_shaft_hangs_still_in_grooved_fingers() -> None:
+    """3.9 kg shaken at 12 m/s2: the gantry is heavy enough for the pads to press with what the motor gives."""
+    shaft, jaw = load_workpiece("gear_shaft"), load_gripper("jaw_v_shaft")
+    built = TrialCell(shaft, jaw)
+    try:
+        T = built.resting_poses()[0]
+        hub = next(p for p in load_grasps(shaft, jaw).points if p.name == "hub")
+        best = best_candidate(hub, T, shaft, jaw)
+        assert isinstance(best, GraspCandidate)
+        trial = built.try_grasp(T, best.T_world_tool, best.opening)
+    finally:
+        built.close()
+    assert trial.held and trial.slip < 3e-4 and trial.turn < np.deg2rad(1.0)

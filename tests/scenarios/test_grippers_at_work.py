@@ -54,7 +54,7 @@ def empty_the_bin(gripper: Gripper, workpiece: Workpiece, count: int) -> list[st
     assert world.run_until_rest(2.0)
     opening = min(OPENING, gripper.max_opening)
     scene = CollisionScene(robot, gripper.flange_boxes(opening), OBSTACLES)
-    places, verdicts = PlacePlan(PLACE_BIN, workpiece), []
+    places, verdicts = PlacePlan(PLACE_BIN, workpiece, gripper), []
     for i in range(count):
         before = observe(world, [SOURCE_BIN, PLACE_BIN])
         T_world_tool = tool_on(gripper, world.part_pose(i), workpiece)

@@ -12,7 +12,6 @@ from cell.frames import Array, apply, invert, make_transform
 from grasping.candidates import Selection
 from scenarios.episode import oracle_perception
 from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide, release_opening
-from scenarios.place import PlacePlan
 from scenarios.records import Reason
 from scenarios.scan import BIN_MARGIN, GRID, scan_heights, scene_points
 from scenarios.scenario import load_scenario
@@ -32,7 +31,7 @@ def cell() -> Iterator[Workcell]:
 
 @pytest.fixture
 def memory(cell: Workcell) -> Memory:
-    return Memory(PlacePlan(cell.place, cell.workpiece))
+    return Memory(cell.new_place())
 
 
 def always(Ts_world_part: Array) -> Perceive:
@@ -142,11 +141,11 @@ def test_released_fingers_stay_clear_of_the_place_bins_walls() -> None:
     """Opened all the way, a finger met the wall, and the workpiece stayed in the jaws or was flung out."""
     cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)
     try:
-        memory = Memory(PlacePlan(cell.place, cell.workpiece))
+        memory = Memory(cell.new_place())
         beside_wall, in_the_middle = cell.place.position[0] - cell.place.inner[0] / 2 + 0.016, cell.place.position[0]
         for x, least, most in ((beside_wall, 0.014, 0.022), (in_the_middle, 0.038, 0.038)):
             T = make_transform(np.diag([1.0, -1.0, -1.0]), (x, cell.place.position[1], 0.03))
-            assert least <= release_opening(cell, 0.014, T) <= most
+            assert least <= release_opening(cell, memory.place, 0.014, T) <= most
         assert attempt_pick(cell, oracle_perception, memory, seed=3, attempt=0).success
     finally:
         cell.close()
@@ -157,7 +156,7 @@ def test_no_part_stays_glued_to_a_finger() -> None:
     place = "place_bin={inner: [0.26, 0.20, 0.06], position: [0.22, -0.40, 0.01]}"
     cell = Workcell.build(load_scenario("bracket", [place]), seed=4)
     try:
-        memory = Memory(PlacePlan(cell.place, cell.workpiece))
+        memory = Memory(cell.new_place())
         reasons = [attempt_pick(cell, oracle_perception, memory, 4, attempt).reason for attempt in range(4)]
     finally:
         cell.close()

@@ -16,10 +16,12 @@ from scipy.spatial import ConvexHull, QhullError
 
 from cell.config import Config
 from cell.errors import InputError
-from cell.frames import Array, from_rpy, make_transform
+from cell.frames import Array, about_axis, from_rpy, make_transform
 
 HULL_MARGIN = 0.001
 """[m] margin that Bullet keeps around a convex hull."""
+CORNER = 0.006
+"""[m] by which the corners of a box may stand out of the cylinder in it before it takes four boxes."""
 MAX_HULL_VERTICES = 128
 
 Triple = tuple[float, float, float]
@@ -102,6 +104,19 @@ def enclosing_box(piece: Piece) -> tuple[Triple, Array]:
     low, high = bounds(piece)
     x, y, z = (high - low).tolist()
     return (x, y, z), make_transform(t=(low + high) / 2)
+
+
+def close_boxes(piece: Piece) -> list[tuple[Triple, Array]]:
+    """Boxes, given as by `enclosing_box`, whose union encloses a piece.
+
+    A wide cylinder is enclosed by an octagon instead of a square: four boxes, each from one of its sides to the opposite
+    one. Its corners are 8 % of the radius out, not 41 %.
+    """
+    if not isinstance(piece, CollisionCylinder) or piece.radius * (np.sqrt(2) - 1) < CORNER:
+        return [enclosing_box(piece)]
+    across = 2 * piece.radius
+    size = (across, across * float(np.tan(np.pi / 8)), piece.length)
+    return [(size, piece.T_part_cylinder @ about_axis((0, 0, 1), np.array(k * np.pi / 4))) for k in range(4)]
 
 
 def read_hulls(yaml_path: Path, path: Path, scale: float) -> tuple[CollisionHull, ...]:

@@ -18,7 +18,7 @@ from cell.config import Config, load
 from cell.errors import InputError
 from cell.frames import Array
 from cell.optics import Optics
-from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, enclosing_box, read_hulls
+from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, close_boxes, read_hulls
 from cell.raycast import RayCaster, make_caster
 from cell.symmetry import Symmetry
 
@@ -116,8 +116,8 @@ class Workpiece:
         return (*self.collision_boxes, *self.collision_cylinders, *self.collision_hulls)
 
     def piece_boxes(self) -> list[tuple[Triple, Array]]:
-        """For every collision piece an enclosing box: full edge lengths [m] and T_part_box (4, 4)."""
-        return [enclosing_box(piece) for piece in self.pieces]
+        """Boxes that enclose the collision pieces closely: full edge lengths [m] and T_part_box (4, 4)."""
+        return [box for piece in self.pieces for box in close_boxes(piece)]
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:

@@ -1,4 +1,4 @@
-"""Proposals from the CAD: where the fingers of a parallel jaw find two faces that look at each other.
+"""Proposals from the CAD: where the fingers of a parallel jaw find two faces that look at each other, or a cup seals.
 
 Antipodal sampling as in Nguyen, "Constructing force-closure grasps" (1988): from a point of the surface a ray goes
 through the material; where it leaves through a face that looks the other way, two pads pressed on both ends hold by
@@ -15,9 +15,11 @@ import numpy as np
 from cell.errors import InputError
 from cell.frames import Array, about_axis, apply, invert, make_transform
 from cell.jaw import ParallelJaw
+from cell.pads import PadGripper
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
+from grasping.sample_pads import pad_proposals
 
 STEP_DEG = 15.0  # between approaches about the closing direction
 RAYS = 4000
@@ -50,17 +52,22 @@ class _Surface:
 def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.Generator) -> list[GraspPoint]:
     """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
 
-    One function proposes for each kind of gripper; so far `jaw_proposals`.
+    One function proposes for each kind of gripper: `jaw_proposals`, and `pad_proposals` for cups and magnets.
 
     Raises:
         InputError: another kind of gripper.
     """
-    if not isinstance(gripper, ParallelJaw):
-        raise InputError("command line", "--gripper", gripper.name, "a parallel jaw")
+    kind, alike = ("jaw", _alike) if isinstance(gripper, ParallelJaw) else ("face", _beside)
+    if isinstance(gripper, ParallelJaw):
+        proposals = jaw_proposals(workpiece, gripper, rng)
+    elif isinstance(gripper, PadGripper):
+        proposals = pad_proposals(workpiece, gripper, rng)
+    else:
+        raise InputError("command line", "--gripper", gripper.name, "a parallel jaw, cups or magnets")
     found: list[GraspPoint] = []
-    for point in jaw_proposals(workpiece, gripper, rng):
-        if not any(_alike(point, other, workpiece) for other in found):
-            name = f"jaw_{len(found) + 1}"
+    for point in proposals:
+        if not any(alike(point, other, workpiece) for other in found):
+            name = f"{kind}_{len(found) + 1}"
             found.append(point.model_copy(update={"name": name}))
         if len(found) >= count:
             break
@@ -176,5 +183,14 @@ def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
         near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
         along = abs((S @ np.asarray(a.closing)) @ b.closing) > 0.9
         if near and along and (S @ np.asarray(a.approach)) @ b.approach > 0.5:
+            return True
+    return False
+
+
+def _beside(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
+    """Both lie on nearly the same spot of the same side, symmetry considered."""
+    for S in workpiece.symmetry.rotations():
+        near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
+        if near and (S @ np.asarray(a.approach)) @ b.approach > 0.9:
             return True
     return False

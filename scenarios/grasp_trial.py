@@ -16,8 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from cell.arm import Arm
 from cell.bin import Bin, table
-from cell.execute import close_jaws, execute, held_parts
+from cell.execute import execute
 from cell.frames import Array, about_axis, invert, make_transform, rotation_angle
+from cell.grip import grip, held
+from cell.jaw import ParallelJaw
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from cell.world import World
@@ -72,15 +74,17 @@ class TrialCell:
 
     def try_grasp(self, T_world_part: Array, T_world_tool: Array, opening: float) -> Trial:
         """Grip the workpiece that lies at T_world_part with the TCP at T_world_tool, lift and shake it."""
-        self.arm.reset(self._joints(T_world_tool @ make_transform(t=(0.0, 0.0, -BEFORE))), opening)
+        before = self._joints(T_world_tool @ make_transform(t=(0.0, 0.0, -BEFORE)))
+        self.arm.reset(before, opening if isinstance(self.gripper, ParallelJaw) else None)
         self.world.place_part(0, T_world_part)
         self._line(T_world_tool)
-        if close_jaws(self.world, self.arm).parts != (0,):
-            return Trial(False, 0.0, 0.0, "closed on nothing")
+        taken = grip(self.world, self.arm)
+        if taken.parts != (0,):
+            return Trial(False, 0.0, 0.0, ", ".join(sorted({f for f in taken.faces if f})) or "closed on nothing")
         T_tool_part = invert(self.arm.tool_pose()) @ self.world.part_pose(0)
         for way in ((0.0, 0.0, LIFT), (SHAKE, 0.0, LIFT), (0.0, SHAKE, LIFT)):
             self._line(make_transform(t=way) @ T_world_tool)
-            if held_parts(self.world, self.arm) != (0,):
+            if held(self.world, self.arm) != (0,):
                 return Trial(False, 0.0, 0.0, "lost in the lift" if way[:2] == (0.0, 0.0) else "lost in the shake")
         moved = invert(T_tool_part) @ invert(self.arm.tool_pose()) @ self.world.part_pose(0)
         com = np.append(self.workpiece.com, 1.0)

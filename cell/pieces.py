@@ -20,9 +20,10 @@ from cell.frames import Array, about_axis, from_rpy, make_transform
 
 HULL_MARGIN = 0.001
 """[m] margin that Bullet keeps around a convex hull."""
-CORNER = 0.006
-"""[m] by which the corners of a box may stand out of the cylinder in it before it takes four boxes."""
 MAX_HULL_VERTICES = 128
+
+OFF_ROUND = 0.003
+"""[m] that the corners of boxes may stand off the cylinder that they cover."""
 
 Triple = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -106,17 +107,18 @@ def enclosing_box(piece: Piece) -> tuple[Triple, Array]:
     return (x, y, z), make_transform(t=(low + high) / 2)
 
 
-def close_boxes(piece: Piece) -> list[tuple[Triple, Array]]:
-    """Boxes, given as by `enclosing_box`, whose union encloses a piece.
+def covering_boxes(piece: Piece) -> list[tuple[Triple, Array]]:
+    """Boxes as in `enclosing_box` that together cover a piece; those of a cylinder stand off it by OFF_ROUND at most.
 
-    A wide cylinder is enclosed by an octagon instead of a square: four boxes, each from one of its sides to the opposite
-    one. Its corners are 8 % of the radius out, not 41 %.
+    A polygon of 2 n sides around a circle is the union of n rectangles, each from a side to the one opposite.
     """
-    if not isinstance(piece, CollisionCylinder) or piece.radius * (np.sqrt(2) - 1) < CORNER:
+    if not isinstance(piece, CollisionCylinder):
         return [enclosing_box(piece)]
-    across = 2 * piece.radius
-    size = (across, across * float(np.tan(np.pi / 8)), piece.length)
-    return [(size, piece.T_part_cylinder @ about_axis((0, 0, 1), np.array(k * np.pi / 4))) for k in range(4)]
+    r = piece.radius
+    n = next(n for n in range(2, 100) if r / np.cos(np.pi / (2 * n)) - r <= OFF_ROUND)
+    size = (2 * r, 2 * r * float(np.tan(np.pi / (2 * n))), piece.length)
+    turns = about_axis((0, 0, 1), np.arange(n) * np.pi / n)
+    return [(size, piece.T_part_cylinder @ turn) for turn in turns]
 
 
 def read_hulls(yaml_path: Path, path: Path, scale: float) -> tuple[CollisionHull, ...]:

@@ -18,7 +18,7 @@ from cell.config import Config, load
 from cell.errors import InputError
 from cell.frames import Array
 from cell.optics import Optics
-from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, close_boxes, read_hulls
+from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, covering_boxes, read_hulls
 from cell.raycast import RayCaster, make_caster
 from cell.symmetry import Symmetry
 
@@ -52,6 +52,7 @@ class WorkpieceConfig(Config):
     material: str
     density: float = Field(gt=10, lt=30000, description="[kg/m3]")
     friction: float = Field(gt=0, le=2)
+    rolling_friction: float = Field(0.0, ge=0, le=0.05, description="[m] lever of what resists rolling, as of teeth")
     magnetic: bool = Field(False, description="a magnet holds it, as steel and cast iron")
     optics: Optics = Optics()
     symmetry: SymmetryConfig = SymmetryConfig()
@@ -71,6 +72,7 @@ class Workpiece:
         mass: in [kg]; com: centre of mass (3,); inertia: (3, 3) about the centre of mass in [kg m2].
         tolerance: T_e, the distance under which an estimate counts as right.
         magnetic: a magnet holds it.
+        rolling_friction: [m] lever of the normal force that resists rolling.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Workpiece:
     heap: HeapConfig
     tolerance: float
     magnetic: bool = False
+    rolling_friction: float = 0.0
 
     @property
     def extents(self) -> Array:
@@ -116,8 +119,8 @@ class Workpiece:
         return (*self.collision_boxes, *self.collision_cylinders, *self.collision_hulls)
 
     def piece_boxes(self) -> list[tuple[Triple, Array]]:
-        """Boxes that enclose the collision pieces closely: full edge lengths [m] and T_part_box (4, 4)."""
-        return [box for piece in self.pieces for box in close_boxes(piece)]
+        """Boxes that cover every collision piece: full edge lengths [m] and T_part_box (4, 4)."""
+        return [box for piece in self.pieces for box in covering_boxes(piece)]
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
@@ -197,6 +200,7 @@ def _load(folder: Path) -> Workpiece:
         heap=config.heap,
         tolerance=config.tolerance,
         magnetic=config.magnetic,
+        rolling_friction=config.rolling_friction,
     )
 
 

@@ -133,7 +133,7 @@ class World:
             mass=workpiece.mass,  # again: without it, setting the inertia of such a body sets its mass to zero
             lateralFriction=engine_friction(workpiece.friction),
             spinningFriction=0.001,
-            rollingFriction=0.0,
+            rollingFriction=workpiece.rolling_friction,
             restitution=0.05,
             frictionAnchor=1,
             localInertiaDiagonal=moments.tolist(),

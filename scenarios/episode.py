@@ -34,7 +34,7 @@ def run_episode(
     perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece, scenario.perception.min_score)
     cell = Workcell.build(scenario, seed, pictures)
     try:
-        memory = Memory(PlacePlan(cell.place, cell.workpiece))
+        memory = Memory(PlacePlan(cell.place, cell.workpiece, cell.dropped))
         picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)
     finally:
         cell.close()

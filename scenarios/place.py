@@ -9,18 +9,20 @@ import numpy as np
 from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform
 from cell.workpiece import Workpiece
+from scenarios.slots import Slots, slots_in
 
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
-YAWS = 8
 MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
 SLOTS_OFFERED = 5
 
 
 @dataclass
 class PlacePlan:
-    """Slots on a grid in the place bin, filled layer by layer; what was put where is remembered, not measured.
+    """Slots in the place bin, filled layer by layer; what was put where is remembered, not measured.
 
     Attributes:
+        count: workpieces that are to find a place.
+        slots: where they may lie.
         used: workpieces released over each slot.
         passed: how often each slot was offered and no motion to it was found; others come first then.
         rests: (r, 3, 3) rotations of the CAD in which it lies still on a plane, z up.
@@ -30,6 +32,8 @@ class PlacePlan:
 
     bin: Bin
     workpiece: Workpiece
+    count: int = 1
+    slots: Slots = field(init=False)
     used: list[int] = field(init=False)
     passed: list[int] = field(init=False)
     rests: Array = field(init=False)
@@ -37,16 +41,11 @@ class PlacePlan:
     leaning: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        reach = float(np.linalg.norm(np.sort(self.workpiece.extents)[-2:]))
-        lx, ly, _ = self.bin.inner
-        nx, ny = max(int(lx / reach), 1), max(int(ly / reach), 1)
-        xs, ys = (np.arange(nx) + 0.5) / nx * lx - lx / 2, (np.arange(ny) + 0.5) / ny * ly - ly / 2
-        self.slots = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
-        self.used, self.passed = [0] * len(self.slots), [0] * len(self.slots)
+        self.slots = slots_in(self.bin, self.workpiece, self.count)
+        self.used, self.passed = [0] * len(self.slots.centres), [0] * len(self.slots.centres)
         self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
         stable, _ = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
         self.rests = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]  # a round part may have none to speak of
-        self.layer = float(np.sort(self.workpiece.extents)[1])
 
     def tool_poses(self, T_part_tool: Array) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, most wanted first.
@@ -60,12 +59,13 @@ class PlacePlan:
         poses, slots, leaning = [], [], []
         for kind, R in enumerate(self._tool_rotations(T_part_tool)):
             hang = make_transform(R) @ T_tool_part
-            lowest = float(apply(hang, self.workpiece.vertices)[:, 2].min())
+            hanging = apply(hang, self.workpiece.vertices)
+            yaws = self.slots.yaws(hanging[:, :2])
             centre = hang[:3, 3] * (1.0, 1.0, 0.0)
             for slot in order:
-                x, y = self.slots[slot]
-                at = np.array([x, y, self.used[slot] * self.layer + DROP - lowest])
-                for yaw in np.arange(YAWS) * 2 * np.pi / YAWS:
+                x, y = self.slots.centres[slot]
+                at = np.array([x, y, self.used[slot] * self.slots.layer + DROP - hanging[:, 2].min()])
+                for yaw in yaws:
                     turn = about_axis((0, 0, 1), np.array(yaw))
                     T_bin_tool = make_transform(turn[:3, :3] @ R, at - turn[:3, :3] @ centre)
                     poses.append(self.bin.T_world_bin @ T_bin_tool)

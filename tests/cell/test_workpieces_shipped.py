@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 from cell._open3d import load_open3d
 from cell.frames import Array, apply, invert
-from cell.pieces import CORNER, CollisionBox, CollisionCylinder, Piece, close_boxes
+from cell.pieces import OFF_ROUND, CollisionBox, CollisionCylinder, Piece, covering_boxes
 from cell.workpiece import SHIPPED, Workpiece, list_workpieces, load_workpiece
 
 PAPER_ROWS = {
@@ -181,11 +181,10 @@ def test_boxes_enclose_each_piece_closely(workpiece: Workpiece) -> None:
     """How far the boxes of a held disc stand out of it decides whether it can be lifted beside a wall."""
     for piece in workpiece.pieces:
         inside = False
-        for size, T_part_box in close_boxes(piece):
+        for size, T_part_box in covering_boxes(piece):
             inside |= (np.abs(apply(invert(T_part_box), solid(piece).vertices)) <= np.asarray(size) / 2 + 1e-9).all(1)
             if isinstance(piece, CollisionCylinder):
-                out = np.hypot(size[0], size[1]) / 2 - piece.radius
-                assert out <= max(CORNER, 0.083 * piece.radius)
+                assert np.hypot(size[0], size[1]) / 2 - piece.radius <= OFF_ROUND
         assert np.all(inside)
 
 

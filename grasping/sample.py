@@ -23,11 +23,14 @@ from grasping.sample_pads import pad_proposals
 
 STEP_DEG = 15.0  # between approaches about the closing direction
 RAYS = 4000
-OPPOSED = np.cos(np.deg2rad(8.0))  # of the two faces, well inside the friction cone
+OPPOSED = float(np.cos(np.deg2rad(8.0)))  # of the two faces, well inside the friction cone
 DEPTH = 0.004  # [m] that the tips go past the line between the contacts
 TOUCH = 3e-4  # [m] within which surface touches a pad
 FACING = 0.95  # cosine of the angle at which surface still carries a pad
 LEAST_AREA = 30e-6  # [m2] under each pad
+FREEFORM = (float(np.cos(np.deg2rad(15.0))), 6e-6)
+"""The same two where nothing has parallel faces: still inside the cone of friction 0.3, and as much as a pad meets of a
+ball of 10 mm radius within TOUCH."""
 INTO = 5e-5  # [m] that the gripper may go into the workpiece, for the sampling of its surface
 SPACING = 0.010  # [m] between proposals that grip along the same direction
 TRIED = 40
@@ -75,12 +78,28 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
 
 
 def jaw_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
-    """Antipodal grasps of a parallel jaw, each with the range of approaches for which the gripper has room."""
+    """Antipodal grasps of a parallel jaw, each with the range of approaches for which the gripper has room.
+
+    On a freeform workpiece, which has no parallel faces, faces that look less straight at each other will do.
+    """
+    seed = int(rng.integers(2**31))
+    found = False
+    for opposed, area in ((OPPOSED, LEAST_AREA), FREEFORM):
+        for point in _jaw_proposals(workpiece, gripper, seed, opposed, area):
+            found = True
+            yield point
+        if found:
+            return
+
+
+def _jaw_proposals(
+    workpiece: Workpiece, gripper: ParallelJaw, seed: int, opposed: float, least_area: float
+) -> Iterator[GraspPoint]:
     surface = _Surface.of(workpiece)
-    centres, closings, widths = _antipodal(workpiece, gripper.max_opening - 2 * OPENING_MARGIN, rng)
+    centres, closings, widths = _antipodal(workpiece, gripper.max_opening - 2 * OPENING_MARGIN, seed, opposed)
     order = _apart(centres, closings, workpiece)
     for centre, closing, width in zip(centres[order], closings[order], widths[order], strict=True):
-        free = _free_approaches(centre, closing, float(width), gripper, surface)
+        free = _free_approaches(centre, closing, float(width), gripper, surface, least_area)
         for start, n in _arcs(free):
             middle = start + (n - 1) // 2
             below, above = (n - 1) // 2, n - 1 - (n - 1) // 2
@@ -89,13 +108,13 @@ def jaw_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Gen
             yield _point(centre, closing, float(width), middle * STEP_DEG, (-below * STEP_DEG, above * STEP_DEG))
 
 
-def _antipodal(workpiece: Workpiece, widest: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def _antipodal(workpiece: Workpiece, widest: float, seed: int, opposed: float) -> tuple[Array, Array, Array]:
     """Middles (n, 3), directions (n, 3) and distances (n,) [m] of opposed contacts at most `widest` apart."""
-    points, normals = workpiece.sample_surface(RAYS, seed=int(rng.integers(2**31)))
+    points, normals = workpiece.sample_surface(RAYS, seed=seed)
     mesh = workpiece.mesh
     hits, ray, face = mesh.ray.intersects_location(points - 1e-6 * normals, -normals, multiple_hits=True)
     width = np.linalg.norm(hits - points[ray], axis=1)
-    leaves = np.einsum("ij,ij->i", mesh.face_normals[face], -normals[ray]) > OPPOSED
+    leaves = np.einsum("ij,ij->i", mesh.face_normals[face], -normals[ray]) > opposed
     good = leaves & (width < widest) & (width > 1e-3)
     ray, hits, width = ray[good], hits[good], width[good]
     return (points[ray] + hits) / 2, -normals[ray], width
@@ -118,7 +137,7 @@ def _apart(centres: Array, closings: Array, workpiece: Workpiece) -> list[int]:
 
 
 def _free_approaches(
-    centre: Array, closing: Array, width: float, gripper: ParallelJaw, surface: _Surface
+    centre: Array, closing: Array, width: float, gripper: ParallelJaw, surface: _Surface, least_area: float
 ) -> np.ndarray:
     """(24,) bool: approaches at multiples of STEP_DEG for which the gripper has room and both pads have enough face."""
     Ts_tool_part = invert(_tool_poses(centre, closing))
@@ -134,7 +153,7 @@ def _free_approaches(
     on_pad = (np.abs(p[..., 1]) < fingers[1] / 2) & (p[..., 2] < 0) & (p[..., 2] > -length)
     for side in (-1, 1):
         touching = on_pad & (np.abs(p[..., 0] - side * width / 2) < TOUCH) & (n[..., 0] * side > FACING)
-        free &= touching.sum(axis=1) * surface.area > LEAST_AREA
+        free &= touching.sum(axis=1) * surface.area > least_area
     return free
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from cell.pads import PadGripper
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
+from grasping.sample_freeform import freeform_proposals
 from grasping.sample_pads import pad_proposals
 
 STEP_DEG = 15.0  # between approaches about the closing direction
@@ -55,7 +58,8 @@ class _Surface:
 def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.Generator) -> list[GraspPoint]:
     """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
 
-    One function proposes for each kind of gripper: `jaw_proposals`, and `pad_proposals` for cups and magnets.
+    One function proposes for each kind of gripper: `jaw_proposals`, with `freeform_proposals` where these find nothing,
+    and `pad_proposals` for cups and magnets.
 
     Raises:
         InputError: another kind of gripper.
@@ -63,6 +67,11 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
     kind, alike = ("jaw", _alike) if isinstance(gripper, ParallelJaw) else ("face", _beside)
     if isinstance(gripper, ParallelJaw):
         proposals = jaw_proposals(workpiece, gripper, rng)
+        first = next(proposals, None)
+        if first is None:  # these have one approach each, not an arc of them
+            proposals, alike = freeform_proposals(workpiece, gripper, rng), partial(_alike, same_side=0.85)
+        else:
+            proposals = chain([first], proposals)
     elif isinstance(gripper, PadGripper):
         proposals = pad_proposals(workpiece, gripper, rng)
     else:
@@ -196,12 +205,16 @@ def _point(centre: Array, closing: Array, width: float, angle_deg: float, turn: 
     )
 
 
-def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
-    """Both grip nearly the same spot from the same side, symmetry considered."""
+def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece, same_side: float = 0.5) -> bool:
+    """Both grip nearly the same spot from the same side, symmetry considered.
+
+    Args:
+        same_side: cosine of the angle between the approaches above which it is the same side.
+    """
     for S in workpiece.symmetry.rotations():
         near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
         along = abs((S @ np.asarray(a.closing)) @ b.closing) > 0.9
-        if near and along and (S @ np.asarray(a.approach)) @ b.approach > 0.5:
+        if near and along and (S @ np.asarray(a.approach)) @ b.approach > same_side:
             return True
     return False
 

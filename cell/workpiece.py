@@ -18,7 +18,16 @@ from cell.config import Config, load
 from cell.errors import InputError
 from cell.frames import Array
 from cell.optics import Optics
-from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, Triple, bounds, covering_boxes, read_hulls
+from cell.pieces import (
+    CollisionBox,
+    CollisionCylinder,
+    CollisionHull,
+    Piece,
+    Triple,
+    bounds,
+    covering_boxes,
+    read_hulls,
+)
 from cell.raycast import RayCaster, make_caster
 from cell.symmetry import Symmetry
 

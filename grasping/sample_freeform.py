@@ -1,8 +1,8 @@
 """Proposals for a parallel jaw on freeform workpieces, which have no parallel faces.
 
-Where the surface is curved, pads touch where it stands out farthest between them. So the pads are closed in thought from
-every approach about a closing direction until they touch, and the two touching places are asked whether they look
-straight enough at each other to hold by friction.
+Where the surface is curved, pads touch where it stands out farthest between them. So the pads are closed in thought
+from every approach about a closing direction until they touch, and the two touching places are asked whether they
+look straight enough at each other to hold by friction.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _close(
         touching = out > out.max() - TOUCH
         places.append(p_on[touching].mean(axis=0))
         straight = min(straight, float((side * n_on[touching, 0]).mean()))
-    width = float(np.ptp(p_on[:, 0]))
+    width = float(np.ptp(p_on[:, 0])) + 2 * INTO
     beside = float(np.linalg.norm((places[1] - places[0])[1:]))
     if straight < CONE or beside > BESIDE or width > gripper.max_opening - 2 * OPENING_MARGIN:
         return None

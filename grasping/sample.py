@@ -1,4 +1,4 @@
-"""Proposals from the CAD: where the fingers of a parallel jaw find two faces that look at each other.
+"""Proposals from the CAD: where the fingers of a parallel jaw find two faces that look at each other, or a cup seals.
 
 Antipodal sampling as in Nguyen, "Constructing force-closure grasps" (1988): from a point of the surface a ray goes
 through the material; where it leaves through a face that looks the other way, two pads pressed on both ends hold by
@@ -9,23 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from cell.errors import InputError
 from cell.frames import Array, about_axis, apply, invert, make_transform
 from cell.jaw import ParallelJaw
+from cell.pads import PadGripper
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
+from grasping.sample_freeform import freeform_proposals
+from grasping.sample_pads import pad_proposals
 
 STEP_DEG = 15.0  # between approaches about the closing direction
 RAYS = 4000
-OPPOSED = np.cos(np.deg2rad(8.0))  # of the two faces, well inside the friction cone
+OPPOSED = float(np.cos(np.deg2rad(8.0)))  # of the two faces, well inside the friction cone
 DEPTH = 0.004  # [m] that the tips go past the line between the contacts
 TOUCH = 3e-4  # [m] within which surface touches a pad
 FACING = 0.95  # cosine of the angle at which surface still carries a pad
 LEAST_AREA = 30e-6  # [m2] under each pad
+FREEFORM = (float(np.cos(np.deg2rad(15.0))), 6e-6)
+"""The same two where nothing has parallel faces: still inside the cone of friction 0.3, and as much as a pad meets of a
+ball of 10 mm radius within TOUCH."""
 INTO = 5e-5  # [m] that the gripper may go into the workpiece, for the sampling of its surface
 SPACING = 0.010  # [m] between proposals that grip along the same direction
 TRIED = 40
@@ -50,17 +58,28 @@ class _Surface:
 def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.Generator) -> list[GraspPoint]:
     """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
 
-    One function proposes for each kind of gripper; so far `jaw_proposals`.
+    One function proposes for each kind of gripper: `jaw_proposals`, with `freeform_proposals` where these find nothing,
+    and `pad_proposals` for cups and magnets.
 
     Raises:
         InputError: another kind of gripper.
     """
-    if not isinstance(gripper, ParallelJaw):
-        raise InputError("command line", "--gripper", gripper.name, "a parallel jaw")
+    kind, alike = ("jaw", _alike) if isinstance(gripper, ParallelJaw) else ("face", _beside)
+    if isinstance(gripper, ParallelJaw):
+        proposals = jaw_proposals(workpiece, gripper, rng)
+        first = next(proposals, None)
+        if first is None:  # these have one approach each, not an arc of them
+            proposals, alike = freeform_proposals(workpiece, gripper, rng), partial(_alike, same_side=0.85)
+        else:
+            proposals = chain([first], proposals)
+    elif isinstance(gripper, PadGripper):
+        proposals = pad_proposals(workpiece, gripper, rng)
+    else:
+        raise InputError("command line", "--gripper", gripper.name, "a parallel jaw, cups or magnets")
     found: list[GraspPoint] = []
-    for point in jaw_proposals(workpiece, gripper, rng):
-        if not any(_alike(point, other, workpiece) for other in found):
-            name = f"jaw_{len(found) + 1}"
+    for point in proposals:
+        if not any(alike(point, other, workpiece) for other in found):
+            name = f"{kind}_{len(found) + 1}"
             found.append(point.model_copy(update={"name": name}))
         if len(found) >= count:
             break
@@ -68,12 +87,28 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
 
 
 def jaw_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
-    """Antipodal grasps of a parallel jaw, each with the range of approaches for which the gripper has room."""
+    """Antipodal grasps of a parallel jaw, each with the range of approaches for which the gripper has room.
+
+    On a freeform workpiece, which has no parallel faces, faces that look less straight at each other will do.
+    """
+    seed = int(rng.integers(2**31))
+    found = False
+    for opposed, area in ((OPPOSED, LEAST_AREA), FREEFORM):
+        for point in _jaw_proposals(workpiece, gripper, seed, opposed, area):
+            found = True
+            yield point
+        if found:
+            return
+
+
+def _jaw_proposals(
+    workpiece: Workpiece, gripper: ParallelJaw, seed: int, opposed: float, least_area: float
+) -> Iterator[GraspPoint]:
     surface = _Surface.of(workpiece)
-    centres, closings, widths = _antipodal(workpiece, gripper.max_opening - 2 * OPENING_MARGIN, rng)
+    centres, closings, widths = _antipodal(workpiece, gripper.max_opening - 2 * OPENING_MARGIN, seed, opposed)
     order = _apart(centres, closings, workpiece)
     for centre, closing, width in zip(centres[order], closings[order], widths[order], strict=True):
-        free = _free_approaches(centre, closing, float(width), gripper, surface)
+        free = _free_approaches(centre, closing, float(width), gripper, surface, least_area)
         for start, n in _arcs(free):
             middle = start + (n - 1) // 2
             below, above = (n - 1) // 2, n - 1 - (n - 1) // 2
@@ -82,13 +117,13 @@ def jaw_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Gen
             yield _point(centre, closing, float(width), middle * STEP_DEG, (-below * STEP_DEG, above * STEP_DEG))
 
 
-def _antipodal(workpiece: Workpiece, widest: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def _antipodal(workpiece: Workpiece, widest: float, seed: int, opposed: float) -> tuple[Array, Array, Array]:
     """Middles (n, 3), directions (n, 3) and distances (n,) [m] of opposed contacts at most `widest` apart."""
-    points, normals = workpiece.sample_surface(RAYS, seed=int(rng.integers(2**31)))
+    points, normals = workpiece.sample_surface(RAYS, seed=seed)
     mesh = workpiece.mesh
     hits, ray, face = mesh.ray.intersects_location(points - 1e-6 * normals, -normals, multiple_hits=True)
     width = np.linalg.norm(hits - points[ray], axis=1)
-    leaves = np.einsum("ij,ij->i", mesh.face_normals[face], -normals[ray]) > OPPOSED
+    leaves = np.einsum("ij,ij->i", mesh.face_normals[face], -normals[ray]) > opposed
     good = leaves & (width < widest) & (width > 1e-3)
     ray, hits, width = ray[good], hits[good], width[good]
     return (points[ray] + hits) / 2, -normals[ray], width
@@ -111,7 +146,7 @@ def _apart(centres: Array, closings: Array, workpiece: Workpiece) -> list[int]:
 
 
 def _free_approaches(
-    centre: Array, closing: Array, width: float, gripper: ParallelJaw, surface: _Surface
+    centre: Array, closing: Array, width: float, gripper: ParallelJaw, surface: _Surface, least_area: float
 ) -> np.ndarray:
     """(24,) bool: approaches at multiples of STEP_DEG for which the gripper has room and both pads have enough face."""
     Ts_tool_part = invert(_tool_poses(centre, closing))
@@ -127,7 +162,7 @@ def _free_approaches(
     on_pad = (np.abs(p[..., 1]) < fingers[1] / 2) & (p[..., 2] < 0) & (p[..., 2] > -length)
     for side in (-1, 1):
         touching = on_pad & (np.abs(p[..., 0] - side * width / 2) < TOUCH) & (n[..., 0] * side > FACING)
-        free &= touching.sum(axis=1) * surface.area > LEAST_AREA
+        free &= touching.sum(axis=1) * surface.area > least_area
     return free
 
 
@@ -170,11 +205,24 @@ def _point(centre: Array, closing: Array, width: float, angle_deg: float, turn: 
     )
 
 
-def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
-    """Both grip nearly the same spot from the same side, symmetry considered."""
+def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece, same_side: float = 0.5) -> bool:
+    """Both grip nearly the same spot from the same side, symmetry considered.
+
+    Args:
+        same_side: cosine of the angle between the approaches above which it is the same side.
+    """
     for S in workpiece.symmetry.rotations():
         near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
         along = abs((S @ np.asarray(a.closing)) @ b.closing) > 0.9
-        if near and along and (S @ np.asarray(a.approach)) @ b.approach > 0.5:
+        if near and along and (S @ np.asarray(a.approach)) @ b.approach > same_side:
+            return True
+    return False
+
+
+def _beside(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
+    """Both lie on nearly the same spot of the same side, symmetry considered."""
+    for S in workpiece.symmetry.rotations():
+        near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
+        if near and (S @ np.asarray(a.approach)) @ b.approach > 0.9:
             return True
     return False

@@ -168,6 +168,9 @@ def test_opening_leaves_a_margin_on_each_side() -> None:
 TABLES = [n for n in list_workpieces() if (load_workpiece(n).folder / "grasps.yaml").is_file()]
 
 
+FREEFORM = {"bunny"}
+
+
 def gripper_of(name: str) -> Gripper:
     """That of a workpiece's table."""
     return load_gripper(read_table(load_workpiece(name).folder / "grasps.yaml").gripper)
@@ -185,12 +188,12 @@ def unlike_poses(workpiece: Workpiece, gripper: Gripper) -> Iterator[tuple[Grasp
 def test_shipped_pads_meet_material_on_both_sides(name: str) -> None:
     """Each pad's inner face, `width` apart, lies within 0.3 mm on CAD surface that faces it: at least 25 mm2 of it.
 
-    On a round the pad touches along a line, and the strip within 0.3 mm of it is what counts. Grooves hold by their
-    flanks, cups by their rim: those are left to the physics.
+    On a round the pad touches along a line, and the strip within 0.3 mm of it is what counts. Freeform workpieces touch
+    in points, grooves hold by their flanks, cups by their rim: those are left to the physics.
     """
     workpiece, jaw = load_workpiece(name), gripper_of(name)
-    if not isinstance(jaw, ParallelJaw) or jaw.groove is not None:
-        pytest.skip("held by the flanks of a groove, or by a rim")
+    if not isinstance(jaw, ParallelJaw) or jaw.groove is not None or name in FREEFORM:
+        pytest.skip("held in points, by the flanks of a groove, or by a rim")
     surface, normals = workpiece.sample_surface(int(workpiece.mesh.area / 0.5e-6), seed=3)
     per_point = workpiece.mesh.area / len(surface)
     _, finger_width, finger_length = jaw.finger_size

@@ -1,0 +1,75 @@
+"""Proposals for a parallel jaw on freeform workpieces, which have no parallel faces.
+
+Where the surface is curved, pads touch where it stands out farthest between them. So the pads are closed in thought
+from every approach about a closing direction until they touch, and the two touching places are asked whether they
+look straight enough at each other to hold by friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cell.frames import Array, about_axis, apply, invert, make_transform
+from cell.jaw import ParallelJaw
+from cell.workpiece import Workpiece
+from grasping.grasp_points import OPENING_MARGIN, GraspPoint
+
+CONE = float(np.cos(np.deg2rad(20.0)))  # of each touching place; friction of 0.4 holds up to 22 degrees
+TOUCH = 0.0004  # [m] from the outermost point within which surface touches a pad
+BESIDE = 0.003  # [m] between the middles of the two places across the closing direction: more would turn the workpiece
+INTO = 1e-4  # [m] that the gripper may go into the workpiece, for the sampling of its surface
+STEP_DEG = 30.0
+DEPTH = 0.006  # [m] that the tips go past the middle of the grip
+DIRECTIONS, SAMPLES = 250, 6000
+
+
+def freeform_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
+    """Grasps across the workpiece near its centre of mass, those whose places look straightest at each other first."""
+    points, normals = workpiece.sample_surface(SAMPLES, seed=int(rng.integers(2**31)))
+    found: list[tuple[float, Array, float]] = []
+    for _ in range(DIRECTIONS):
+        closing, approach = np.linalg.qr(rng.standard_normal((3, 2)))[0].T
+        centre = workpiece.com + rng.uniform(-0.15, 0.15, 3) * workpiece.extents
+        R = np.stack([closing, np.cross(approach, closing), approach], axis=1)
+        for turn in np.deg2rad(np.arange(0.0, 360.0, STEP_DEG)):
+            T_part_grip = make_transform(R, centre) @ about_axis((1, 0, 0), turn)
+            closed = _close(T_part_grip, gripper, points, normals)
+            if closed is not None:
+                found.append(closed)
+    for _, T_part_grip, width in sorted(found, key=lambda row: -row[0]):
+        plain = [[round(float(x), 6) + 0.0 for x in v] for v in T_part_grip[:3, [3, 2, 0]].T]
+        yield GraspPoint.model_validate(
+            {"name": "proposed", "centre": plain[0], "approach": plain[1], "closing": plain[2], "width": width}
+            | {"depths": (DEPTH,)}
+        )
+
+
+def _close(
+    T_part_grip: Array, gripper: ParallelJaw, points: Array, normals: Array
+) -> tuple[float, Array, float] | None:
+    """How straight the touching places look at each other, the grip moved to their middle, and the width; or None."""
+    _, pad_width, pad_length = gripper.finger_size
+    T = T_part_grip @ make_transform(t=(0.0, 0.0, DEPTH))
+    p, n = apply(invert(T), points), normals @ T[:3, :3]
+    on_pad = (np.abs(p[:, 1]) < pad_width / 2) & (p[:, 2] < 0) & (p[:, 2] > -pad_length)
+    if np.count_nonzero(on_pad) < 10:
+        return None
+    p_on, n_on = p[on_pad], n[on_pad]
+    places, straight = [], 1.0
+    for side in (-1.0, 1.0):
+        out = side * p_on[:, 0]
+        touching = out > out.max() - TOUCH
+        places.append(p_on[touching].mean(axis=0))
+        straight = min(straight, float((side * n_on[touching, 0]).mean()))
+    width = float(np.ptp(p_on[:, 0])) + 2 * INTO
+    beside = float(np.linalg.norm((places[1] - places[0])[1:]))
+    if straight < CONE or beside > BESIDE or width > gripper.max_opening - 2 * OPENING_MARGIN:
+        return None
+    middle = float(p_on[:, 0].max() + p_on[:, 0].min()) / 2
+    p = p - (middle, 0.0, 0.0)
+    for box in [*gripper.boxes(width + 2 * OPENING_MARGIN), *gripper.finger_boxes(width)]:
+        if (np.asarray(box.size) / 2 - np.abs(p - box.T_world_box[:3, 3])).min(axis=1).max() > INTO:
+            return None
+    return straight, T_part_grip @ make_transform(t=(middle, 0.0, 0.0)), round(width, 5)

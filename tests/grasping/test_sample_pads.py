@@ -1,0 +1,78 @@
+"""Proposals for cups and magnets, against the limits of `cell.holding` and the geometry of plain solids."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.gripper import load_gripper
+from cell.pads import PadGripper
+from cell.probe import probe_part
+from cell.suction import VacuumGripper
+from cell.workpiece import load_workpiece
+from cell.world import GRAVITY
+from grasping.grasp_points import expand
+from grasping.sample import SPACING, propose
+from grasping.sample_pads import LIFTED, PRESS, worst_use
+from tests.cell.solids import block, drilled, rod
+
+CUP, MAGNET = load_gripper("cup_20"), load_gripper("magnet_20")
+PLATE = block((0.06, 0.05, 0.012), 0.15)
+
+
+def test_every_proposal_seals_by_the_rule_of_the_physics_and_carries_the_load() -> None:
+    assert isinstance(CUP, PadGripper)
+    points = propose(PLATE, CUP, 8, np.random.default_rng(0))
+    assert len(points) >= 2
+    assert np.linalg.norm(np.asarray(points[0].centre)[:2]) < 0.003  # over the centre of mass
+    assert {round(float(p.approach[2])) for p in points} == {-1, 1}  # both wide faces, no narrow one
+    for point in points:
+        for T in expand((point,), PLATE).Ts_part_tool:
+            T = T.copy()
+            T[:3, 3] -= PRESS * T[:3, 2]  # where the lip meets the surface
+            assert CUP.take(lambda xy, T=T: probe_part(PLATE, T, xy), lambda _: False)[1] == ("",)
+            assert worst_use(PLATE, CUP, T) < 1.0
+    centres = np.array([p.centre for p in points])
+    apart = np.linalg.norm(centres[:, None] - centres, axis=-1) + np.eye(len(points))
+    assert apart.min() > SPACING * 0.999 or len(points) == 2
+
+
+def test_the_use_is_that_of_the_cups_limits() -> None:
+    """Straight over the centre of mass: pull, and friction against the sideways load; the lever is half the height."""
+    assert isinstance(CUP, VacuumGripper)
+    (best, *_) = propose(PLATE, CUP, 1, np.random.default_rng(0))
+    T = expand((best,), PLATE).Ts_part_tool[0].copy()
+    T[:3, 3] = (0.0, 0.0, np.sign(-T[2, 2]) * 0.006)
+    pull, side = PLATE.mass * (GRAVITY + LIFTED), PLATE.mass * LIFTED
+    bending = side * 0.006 / ((CUP.force - pull) * CUP.radius / 2)
+    wanted = max(pull / CUP.force, side / (CUP.friction * (CUP.force - pull)), bending)
+    np.testing.assert_allclose(worst_use(PLATE, CUP, T), wanted, rtol=1e-6)
+
+
+def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds() -> None:
+    rng = np.random.default_rng
+    holed = propose(drilled((0.10, 0.08, 0.01), 0.1, 0.008, 0.2), CUP, 4, rng(0))  # one hole in the middle
+    assert holed and min(np.linalg.norm(p.centre[:2]) for p in holed) > 0.010 + 0.004 - 0.002  # it would leak
+    ends = propose(rod(0.02, 0.05, 0.1), CUP, 4, rng(0))
+    assert ends and all(abs(p.approach[0]) > 0.9 for p in ends)  # its flat ends, and not its round
+    assert propose(replace(PLATE, mass=2.0), CUP, 4, rng(0)) == []  # 12 N do not carry it
+    assert propose(replace(PLATE, magnetic=False), MAGNET, 4, rng(0)) == []
+    assert propose(PLATE, MAGNET, 1, rng(0)) != []
+
+
+def test_a_freeform_workpiece_gets_grasps_of_a_jaw(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bunny has no parallel faces: every proposal has surface at both pads, and none inside the gripper."""
+    monkeypatch.setattr("grasping.sample_freeform.DIRECTIONS", 60)
+    bunny, jaw = load_workpiece("bunny"), load_gripper("jaw_v1")
+    points = propose(bunny, jaw, 3, np.random.default_rng(0))
+    assert len(points) == 3
+    surface = bunny.sample_surface(20_000, seed=8)[0]
+    for point in points:
+        T = expand((point,), bunny).Ts_part_tool[0]
+        p = (surface - T[:3, 3]) @ T[:3, :3]
+        for box in jaw.finger_boxes(point.width):
+            room = (np.abs(p - box.T_world_box[:3, 3]) - np.asarray(box.size) / 2).max(axis=1)
+            assert room.min() > -3e-4
+            assert (room < 5e-4).any()

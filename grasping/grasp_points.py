@@ -141,8 +141,16 @@ class GraspPoses:
     def placeable(self, can: np.ndarray) -> GraspPoses:
         """Those poses from which the workpiece can be put down, `can` (n,) bool; the others are only counted."""
         names = Counter(self.points[i].name for i in self.index[~can])
-        rows = (self.index, self.Ts_part_tool, self.openings, self.depth_rank, self.offset)
-        return GraspPoses(self.points, *(row[can] for row in rows), self.disabled, dict(names))
+        return GraspPoses(
+            points=self.points,
+            index=self.index[can],
+            Ts_part_tool=self.Ts_part_tool[can],
+            openings=self.openings[can],
+            depth_rank=self.depth_rank[can],
+            offset=self.offset[can],
+            disabled=self.disabled,
+            no_place=dict(names),
+        )
 
 
 def load_grasps(workpiece: Workpiece, gripper: Gripper) -> GraspPoses:

@@ -46,7 +46,9 @@ def run_modes(
     for mode in MODES:
         folder = out / folder_of(mode)
         say(f"{len(summaries) + 1} of {len(MODES)}: replaced by ground truth: {folder_of(mode)}")
-        summaries.append(run_point(Point((), scenario, folder), episodes, workers, frozenset(mode), runner, command))
+        summaries.append(
+            run_point(Point((), scenario, folder), episodes, workers, frozenset(mode), runner, command, {})
+        )
         with Store.read(folder) as store:
             known.append(outcomes(store.attempts(), store.episodes()))
         folders.append(folder / FILE)

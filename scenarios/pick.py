@@ -18,7 +18,6 @@ from cell.grip import grip, held, release
 from cell.observe import Snapshot
 from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
-from grasping.clearance import OpenGripper
 from grasping.grasp_points import GraspPoses
 from grasping.verdict import CHOSEN, Verdict
 from robots.collision import CollisionScene
@@ -74,13 +73,13 @@ class Decision:
     """What to do: a candidate with its plan, or the reason why the arm does not move.
 
     Attributes:
-        refused: index of a candidate in the selection -> why planning ruled it out.
+        refused: index of a candidate in the selection -> why it was ruled out when its turn came.
     """
 
     candidate: GraspCandidate | None
     plan: PickPlan | None
     reason: Reason | Literal[""]
-    refused: dict[int, PlanFailure]
+    refused: dict[int, PlanFailure | RuledOut]
 
 
 Perceive = Callable[[Workcell, DepthFrame, np.ndarray, np.random.Generator], Estimates]
@@ -144,7 +143,9 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     staged = cell.pictures and attempt < PICTURED
     if decision.candidate is None or decision.plan is None:
         after = cell.observe()
-        if any(failure.stage >= Stage.PLACE for failure in decision.refused.values()):
+        if any(
+            isinstance(failure, PlanFailure) and failure.stage >= Stage.PLACE for failure in decision.refused.values()
+        ):
             memory.place.pass_over()
         record |= {"moved": False, "success": False, "reason": decision.reason}
     else:

@@ -30,6 +30,8 @@ def true_points(cell: Workcell) -> Array:
     truth = cell.observe()
     surface = cell.workpiece.sample_surface(TRUE_SAMPLES, seed=4)[0]
     return apply(truth.Ts_world_part[list(truth.parts_in(SOURCE))], surface).reshape(-1, 3)
+
+
 def supported(depth: np.ndarray) -> np.ndarray:
     """(h, w) bool: pixels with at least SUPPORT of their eight neighbours within LONE of their own depth [m]."""
     h, w = depth.shape

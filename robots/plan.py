@@ -250,7 +250,7 @@ def _place(
         if not isinstance(done, PlanFailure):
             return k, *done
         blocked.append(done)
-    return max(blocked, key=lambda s: (s.stage, s.cause))
+    return max(blocked, key=lambda s: (s.stage, s.cause, s.refusal.contact is not None))
 
 
 def _in_order(scene: CollisionScene, request: PickRequest, found: Branches, slot: int, q_grasp: Array) -> list[int]:

@@ -15,7 +15,6 @@ from robots.model import forward
 from robots.plan import PickPlan
 from scenarios.episode import oracle_perception
 from scenarios.pick import Decision, Memory, attempt_pick, choose, decide, move
-from scenarios.place import PlacePlan
 from scenarios.records import Reason
 from scenarios.retreat import recover
 from scenarios.scenario import load_scenario
@@ -56,12 +55,12 @@ def after_stop(record: object) -> str:
 
 def test_nothing_is_touched_on_planned_ways(cell: Workcell) -> None:
     """The engine's own contact points of arm and gripper body, at every step of two picks; fingers excepted."""
-    memory = Memory(PlacePlan(cell.place, cell.workpiece))
+    memory = Memory(cell.new_place())
     for attempt in range(2):
         decision, plan = planned(cell, memory, attempt)
         assert decision.candidate is not None
         rng = np.random.default_rng(0)
-        evidence, _ = move(cell, decision.candidate, plan, cell.observe(), True, False, {}, rng)
+        evidence, _ = move(cell, memory.place, decision.candidate, plan, cell.observe(), True, False, {}, rng)
         assert evidence.released and not evidence.log.stopped
         assert evidence.log.touched == set() and evidence.log.max_force == 0.0
         memory.place.fill(plan.place)
@@ -70,7 +69,7 @@ def test_nothing_is_touched_on_planned_ways(cell: Workcell) -> None:
 
 @pytest.mark.parametrize("leg", ["approach", "carry"])
 def test_the_arm_draws_back_from_what_it_hits(cell: Workcell, leg: str) -> None:
-    memory = Memory(PlacePlan(cell.place, cell.workpiece))
+    memory = Memory(cell.new_place())
     _, plan = planned(cell, memory)
     rows = plan.approach.q if leg == "approach" else plan.carry.q
     plant(cell, rows[len(rows) // 2])
@@ -85,7 +84,7 @@ def test_the_arm_draws_back_from_what_it_hits(cell: Workcell, leg: str) -> None:
 
 
 def test_where_the_way_back_is_shut_it_is_said(cell: Workcell) -> None:
-    decision, plan = planned(cell, Memory(PlacePlan(cell.place, cell.workpiece)))
+    decision, plan = planned(cell, Memory(cell.new_place()))
     assert decision.candidate is not None
     way_in = plan.approach.q
     assert not execute(cell.world, cell.arm, way_in).stopped

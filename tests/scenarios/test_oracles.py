@@ -13,7 +13,6 @@ from grasping.candidates import GraspCandidate
 from scenarios.episode import oracle_perception, run_episode
 from scenarios.gantry import gantry_joints, gantry_line
 from scenarios.pick import Memory, attempt_pick, choose
-from scenarios.place import PlacePlan
 from scenarios.records import AttemptRecord
 from scenarios.scan import scene_points, true_points
 from scenarios.scenario import load_scenario
@@ -34,7 +33,7 @@ def cell() -> Iterator[Workcell]:
 def best(cell: Workcell) -> GraspCandidate:
     rng = np.random.default_rng(0)
     frame, ids = cell.capture(rng)
-    memory = Memory(PlacePlan(cell.place, cell.workpiece))
+    memory = Memory(cell.new_place())
     return choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0).candidates[0]
 
 
@@ -81,7 +80,7 @@ def test_oracles_are_used_where_named_only() -> None:
     try:
         assert cell.rehearsal is None and cell.oracle == frozenset()
         np.testing.assert_array_equal(cell.home, cell.robot.home)
-        memory = Memory(PlacePlan(cell.place, cell.workpiece))
+        memory = Memory(cell.new_place())
         assert attempt_pick(cell, oracle_perception, memory, 0, 0).waypoints
     finally:
         cell.close()

@@ -200,9 +200,10 @@ def test_turning_the_whole_cell_changes_no_decision(choose: Chooser, source: Bin
 
 def test_no_estimates_and_no_poses(choose: Chooser, poses: GraspPoses) -> None:
     empty = choose(np.zeros((0, 4, 4)))
-    assert empty == Selection([], {})
+    assert (empty.candidates, empty.ruled_out) == ([], {})
     none = GraspPoses(poses.points, poses.index[:0], poses.Ts_part_tool[:0], *[np.zeros(0)] * 3)
-    assert choose(choose.lying()[None], poses=none) == Selection([], {0: {}})
+    no_poses = choose(choose.lying()[None], poses=none)
+    assert (no_poses.candidates, no_poses.ruled_out) == ([], {0: {}})
 
 
 def test_the_highest_of_equals_comes_first(choose: Chooser) -> None:

@@ -29,7 +29,8 @@ from robots.inverse import inverse
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
 from scenarios.episode import oracle_perception
-from scenarios.pick import Decision, Memory, choose, decide, release_opening, request_of
+from scenarios.move import release_opening
+from scenarios.pick import Decision, Memory, choose, decide, request_of
 from scenarios.scan import scan_heights
 from scenarios.scenario import Scenario, load_scenario
 from scenarios.workcell import Workcell

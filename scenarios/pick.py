@@ -12,10 +12,7 @@ import numpy as np
 
 from cell.bin import Box
 from cell.camera import DepthFrame
-from cell.execute import MotionLog, execute, wait
 from cell.frames import Array, apply, invert, to_quat_xyzw
-from cell.grip import grip, held, release
-from cell.observe import Snapshot
 from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
 from grasping.grasp_points import GraspPoses
@@ -28,16 +25,15 @@ from robots.waypoints import waypoints_of
 from scenarios.export_program import as_json
 from scenarios.free_motion import free_plan
 from scenarios.motion_rank import with_motion
+from scenarios.move import move
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
 from scenarios.place import place_error
 from scenarios.placing import Place
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.rehearsal import REHEARSALS
-from scenarios.retreat import FALL_TIME, back_off, put_back, recover
 from scenarios.scan import scan_heights, scene_points, true_points
 from scenarios.tree import RuledOut, decision_tree
-from scenarios.weighing import comes_up_double
 from scenarios.workcell import PLACE, SOURCE, Workcell
 
 PICTURED = 2
@@ -46,8 +42,6 @@ PLANS_TRIED = 60
 """Candidates for which a whole motion is planned before giving up."""
 PLANS_A_ROUND = 4
 """Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
-RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
-REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
 PLACE_LINE = 0.08  # [m] straight line down to a place pose
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
@@ -312,17 +306,6 @@ class _FreePlanner:
         return free_plan(self._cell, self._points, candidate, self._memory, self._acceleration)
 
 
-def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: Array) -> float:
-    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets what stands there.
-
-    A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
-    """
-    for opening in (planned + extra for extra in RELEASE_EXTRA if planned + extra <= cell.gripper.max_opening):
-        if place.room(T_world_tool, opening):
-            return opening
-    return planned
-
-
 def in_rounds(candidates: list[GraspCandidate]) -> list[int]:
     """Indices of the candidates, best first, PLANS_A_ROUND of every estimate before the next ones of any."""
     seen: Counter[int] = Counter()
@@ -362,82 +345,3 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
 def waits_at(cell: Workcell, memory: Memory) -> Array:
     """Joint vector (6,) at which the arm stands now."""
     return cell.robot.home if memory.waits_at is None else memory.waits_at
-
-
-def move(
-    cell: Workcell,
-    place: Place,
-    candidate: GraspCandidate,
-    plan: PickPlan,
-    before: Snapshot,
-    pose_ok: bool,
-    staged: bool,
-    pictures: dict[str, bytes],
-    rng: np.random.Generator,
-) -> tuple[Evidence, float]:
-    """Execute a plan in the physics; returns what was seen and the robot's time in [s].
-
-    With `staged`, pictures of the cell at each stage are added to `pictures`; `rng` is of the wrist's force sensor.
-
-    The arm ends where it let the workpiece go, its jaws open, out of the camera's view: the next motion starts there. A
-    hard touch stops the arm, as a controller's collision guard does; it then draws back the way it came, and only where
-    that fails as well is it set back to home by hand.
-    """
-    world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
-    start, opening = world.time, arm.opening
-    commanded: dict[str, list[Array]] = {"in": [], "on": []}
-
-    def run(leg: str, rows: Array) -> MotionLog:
-        done = execute(world, arm, rows, stop_above=limit)
-        commanded[leg].append(rows[: done.rows])
-        return done
-
-    way_out, way_in = plan.approach.q[: plan.cleared], plan.approach.q[plan.cleared :]
-    log = run("in", way_out)  # the last workpiece lies between the fingers
-    if not log.stopped:
-        arm.hold_jaws(candidate.opening)
-        log += run("in", way_in)
-    closed: tuple[int, ...] = ()
-    lifted, carried, released, double = closed, closed, False, False
-    if not log.stopped:
-        taken = grip(world, arm)
-        closed, log = taken.parts, log + taken.log
-        if staged:
-            snap(cell, pictures, "grasp")
-        if not closed:
-            log += back_off(cell, candidate, plan, opening)
-    if closed:
-        log += run("on", plan.lift.q)
-        lifted = held(world, arm)
-        if staged:
-            snap(cell, pictures, "lift")
-    if closed and not log.stopped:
-        log += run("on", plan.carry.q)
-        carried = () if log.stopped else held(world, arm)
-        if staged:
-            snap(cell, pictures, "place")
-    if closed and not log.stopped:
-        double, weighing = comes_up_double(cell, plan, rng)
-        log += weighing
-        if log.stopped:
-            carried = ()
-        elif double:
-            carried = ()
-            log += put_back(cell, candidate, plan, opening)
-        else:
-            opened = release(world, arm, release_opening(cell, place, candidate.opening, arm.tool_pose()))
-            released = not opened.parts
-            log += opened.log
-            if len(plan.leave.q) > 1:  # else it falls while the next image is taken
-                log += wait(world, arm, FALL_TIME) + run("on", plan.leave.q)
-    robot_s = world.time - start
-    set_back = False
-    if log.stopped:
-        legs = [np.concatenate([np.zeros((0, 6)), *rows]) for rows in commanded.values()]
-        back = recover(cell, candidate, legs[0], legs[1], opening)
-        robot_s, set_back = world.time - start, back.stopped
-        if set_back:
-            arm.reset(cell.home)
-    world.run_until_rest(REST_LIMIT)
-    after = cell.observe()
-    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back), robot_s

@@ -14,7 +14,8 @@ from grasping.verdict import CHOSEN
 from robots.model import forward
 from robots.plan import PickPlan
 from scenarios.episode import oracle_perception
-from scenarios.pick import Decision, Memory, attempt_pick, choose, decide, move
+from scenarios.move import move
+from scenarios.pick import Decision, Memory, attempt_pick, choose, decide
 from scenarios.records import Reason
 from scenarios.retreat import recover
 from scenarios.scenario import load_scenario

@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 from cell.frames import Array, apply, invert, make_transform
 from grasping.candidates import Selection
 from scenarios.episode import oracle_perception
-from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide, release_opening
+from scenarios.move import release_opening
+from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide
 from scenarios.records import Reason
 from scenarios.scan import BIN_MARGIN, GRID, scan_heights, scene_points
 from scenarios.scenario import load_scenario

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,9 +36,12 @@ class Bin:
     position: tuple[float, float, float]
     yaw: float = 0.0
 
-    @property
+    @cached_property
     def T_world_bin(self) -> Array:
-        return from_rpy(self.position, (0.0, 0.0, self.yaw))
+        """(4, 4), read-only."""
+        T = from_rpy(self.position, (0.0, 0.0, self.yaw))
+        T.flags.writeable = False
+        return T
 
     def boxes(self) -> list[Box]:
         """Floor and four walls."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from cell.bin import Bin, Box
@@ -28,7 +29,10 @@ def thin(points: Array, voxel: float = VOXEL) -> Array:
     """One point of every occupied voxel; deterministic."""
     if len(points) == 0:
         return points
-    _, first = np.unique(np.floor(points / voxel).astype(np.int64), axis=0, return_index=True)
+    cells = np.floor(points / voxel).astype(np.int64)
+    cells -= cells.min(axis=0)
+    size = cells.max(axis=0) + 1
+    _, first = np.unique((cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2], return_index=True)
     return points[np.sort(first)]
 
 
@@ -88,17 +92,9 @@ class OpenGripper:
 
     def hits_points(self, Ts_world_tool: Array, points: Array, margin: float = POINT_MARGIN) -> np.ndarray:
         """(n,) bool: a point (k, 3) in the world is inside the gripper at a tool pose (n, 4, 4)."""
-        if len(points) == 0:
-            return np.zeros(len(Ts_world_tool), dtype=bool)
-        T_tool_world = invert(Ts_world_tool)
-        # one product for all poses, and x, y, z apart: several times faster than (n, k, 3)
-        local = (T_tool_world[:, :3, :3].reshape(-1, 3) @ points.T).reshape(-1, 3, len(points))
-        local += T_tool_world[:, :3, 3:]
-        hit = np.zeros(len(Ts_world_tool), dtype=bool)
-        for centre, half in zip(self.centres, self.halves + margin, strict=True):
-            x, y, z = (np.abs(local[:, axis] - centre[axis]) < half[axis] for axis in range(3))
-            hit |= (x & y & z).any(axis=1)
-        return hit
+        low, high = self.corners.min(axis=0) - margin, self.corners.max(axis=0) + margin
+        shape = (self.centres, self.halves + margin, low, high)
+        return np.asarray(_any_inside(invert(Ts_world_tool), np.ascontiguousarray(points), *shape))
 
     def room(self, T_world_tool: Array, points: Array, most: float) -> float:
         """Distance in [m] from the gripper at one tool pose (4, 4) to the nearest point (k, 3), at most `most`."""
@@ -138,3 +134,32 @@ def _both_positive(a: Array, b: Array, edges: np.ndarray) -> np.ndarray:
     crossing = (a0 > 0) != (a1 > 0)
     positive = (a0 * b1 - a1 * b0) * (a0 - a1) > 0  # b at the crossing, times (a0 - a1) squared
     return np.asarray(((a > 0) & (b > 0)).any(axis=1) | (crossing & positive).any(axis=1))
+
+
+@numba.njit(cache=True)
+def _any_inside(Ts_tool_world, points, centres, halves, low, high):  # type: ignore[no-untyped-def]
+    """(n,) bool: one of the points (k, 3) in the world is in one of the boxes (b, 3) of a tool frame."""
+    hit = np.zeros(len(Ts_tool_world), np.bool_)
+    local = np.empty(3)
+    for i in range(len(Ts_tool_world)):
+        T = Ts_tool_world[i]
+        for p in points:
+            near = True
+            for m in range(3):
+                local[m] = T[m, 0] * p[0] + T[m, 1] * p[1] + T[m, 2] * p[2] + T[m, 3]
+                if not low[m] < local[m] < high[m]:
+                    near = False
+                    break
+            if not near:
+                continue
+            for b in range(len(centres)):
+                if (
+                    abs(local[0] - centres[b, 0]) < halves[b, 0]
+                    and abs(local[1] - centres[b, 1]) < halves[b, 1]
+                    and abs(local[2] - centres[b, 2]) < halves[b, 2]
+                ):
+                    hit[i] = True
+                    break
+            if hit[i]:
+                break
+    return hit

@@ -18,11 +18,13 @@ import pinocchio as pin
 
 from cell.bin import Box
 from cell.frames import Array, apply
+from robots.chain import travelled
 from robots.failure import Contact
-from robots.inverse import flange_poses
+from robots.inverse import arm_of
 from robots.model import RobotModel
 
 Mode = Literal["transit", "contact"]
+Ground = tuple[coal.CollisionGeometry, pin.SE3]
 
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
 PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
@@ -72,19 +74,23 @@ class CollisionScene:
     ) -> None:
         self.robot = robot
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
-        self._ground = None if heightfield is None else _ground(heightfield)
+        self._ground = self._ground_held = None if heightfield is None else _ground(heightfield)
         self._held: tuple[Box, ...] = ()
         self._tolerance = 0.0
         self._checkers: dict[bool, _Checker] = {}
         self._corners_of: tuple[tuple[Box, ...] | None, Array] = (None, np.zeros((0, 3)))
 
-    def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005) -> None:
+    def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005, without: HeightField | None = None) -> None:
         """Attach a part, given as boxes in the flange frame; in mode `contact` it is `tolerance` [m] smaller all round.
 
         A part at rest touches floor, walls and neighbours; the tolerance keeps an error of its estimated pose from
         reading as a collision.
+
+        Args:
+            without: the pile as it is once the part is out of it; None for the pile as scanned, the part in it.
         """
         held = tuple(boxes_flange)
+        self._ground_held = self._ground if without is None else _ground(without)
         known = self._checkers.get(True)
         if known is not None and not known.takes(held, tolerance):
             del self._checkers[True]
@@ -162,16 +168,8 @@ class CollisionScene:
         steps = np.ceil(np.abs(np.diff(qs, axis=0)).max(axis=1, initial=0.0) / MAX_KNOT_STEP).clip(1).astype(int)
         at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(steps))])
         knots = np.stack([np.interp(at, np.arange(len(qs)), qs[:, j]) for j in range(6)], axis=1)
-        opw = self.robot.opw
-        Ts = flange_poses(self.robot, knots)
-        points = apply(Ts, self.corners)
-        wrist = Ts[:, :3, 3] - opw.c4 * Ts[:, :3, 2]
-        turned = np.abs(np.diff(knots, axis=0))
-        around = np.linalg.norm(np.diff(wrist, axis=0), axis=1) + self._thick * turned.sum(axis=1)
-        reach = 2 * self._thick
-        elbow = turned[:, :3] @ (opw.a1 + opw.c2 + reach, opw.c2 + reach, reach)
-        marks = np.linalg.norm(np.diff(points, axis=0), axis=-1).max(axis=1, initial=0.0)
-        return knots, np.concatenate([[0.0], np.cumsum(1.05 * np.max([marks, around, elbow], axis=0))])
+        far = travelled(arm_of(self.robot), knots, self.corners, self._thick)
+        return knots, 1.05 * far
 
     @property
     def _thick(self) -> float:
@@ -190,6 +188,8 @@ class CollisionScene:
         held = bool(self._held)
         if held not in self._checkers:
             self._checkers[held] = _Checker(self, self._held, self._tolerance)
+        if held:
+            self._checkers[held].stand_over(self._ground_held)
         self._checkers[held].turn_to(mode)
         return self._checkers[held]
 
@@ -212,10 +212,9 @@ class _Checker:
         slim = [self._add("held", last, T_joint_flange, _smaller(b, tolerance)) for b in held]
         self._held, self._tolerance, self._parts, self._T_joint_flange = held, tolerance, (part, slim), T_joint_flange
         fixed = [self._add(b.name, 0, pin.SE3.Identity(), b) for b in scene.obstacles]
-        ground = []
-        if scene._ground is not None:
-            shape, T_world_ground = scene._ground
-            ground = [self._add_shape("pile", 0, T_world_ground, shape)]
+        self._ground = scene._ground_held if held else scene._ground
+        ground = [] if self._ground is None else [self._add_shape("pile", 0, self._ground[1], self._ground[0])]
+        self._pile = ground
         fingers = {t for t in tool if self.names[t].startswith("finger")}
 
         arm = [a for a, i in links if i > 0]
@@ -236,9 +235,7 @@ class _Checker:
         self._carried = {*tool, *part, *slim}
         self._mode: Mode | None = None
         self._margin = 0.0
-        self.broadphase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self.model, self.geometry, self.geometry_data
-        )
+        self._sort()
 
     def takes(self, held: tuple[Box, ...], tolerance: float) -> bool:
         """Hold boxes of the same sizes as before in another place; False where the sizes differ."""
@@ -252,6 +249,19 @@ class _Checker:
                     )
             self._held = held
         return True
+
+    def stand_over(self, ground: Ground | None) -> None:
+        """Check against this ground in place of the one before."""
+        if ground is not self._ground and ground is not None:
+            for k in self._pile:
+                self.geometry.geometryObjects[k].geometry, self.geometry.geometryObjects[k].placement = ground
+            self._ground = ground
+            self._sort()
+
+    def _sort(self) -> None:
+        self.broadphase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+            self.model, self.geometry, self.geometry_data
+        )
 
     def turn_to(self, mode: Mode) -> None:
         """Check the pairs of a mode."""
@@ -300,7 +310,7 @@ def _arm_geometry(robot: RobotModel) -> pin.GeometryModel:
     return pin.buildGeomFromUrdf(robot.kinematics, str(robot.urdf), pin.GeometryType.COLLISION)
 
 
-def _ground(field: HeightField) -> tuple[coal.CollisionGeometry, pin.SE3]:
+def _ground(field: HeightField) -> Ground:
     """Coal's height field is centred at its origin and its row 0 is at +y; ours starts at y0."""
     ny, nx = field.heights.shape
     dx, dy = (nx - 1) * field.step, (ny - 1) * field.step

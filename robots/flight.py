@@ -17,20 +17,22 @@ from itertools import product
 import numpy as np
 
 from cell.frames import Array, apply
-from robots.inverse import SIGMA_MIN, branch, flange_poses, inverse
-from robots.law import Law, rise, s_curve
+from robots.flight_loops import fastest, quickest, sampled, timing
+from robots.inverse import SIGMA_MIN, arm_of, branch, flange_poses, inverse
 from robots.model import RobotModel
 from robots.timing import JointPath
 
 SHAPES = ((1.0, 1.0), (1.0, 0.8), (0.5, 0.7))  # speed and acceleration of the turn, of what joints allow
 HARD = (1.0, 0.75)  # jerk along the lines, of what joints allow
 SHARE = 0.35  # of a line, over which the tool speeds up
-OFF_LINE = 0.0005  # [m] any corner of hand or part may leave what must be straight
+OFF_LINE = 0.001  # [m] any corner of hand or part may leave what must be straight
 MARGIN, TOOL_MARGIN = 0.99, 0.98  # of the joints' limits and of the tool's acceleration
-SAMPLES = 36  # points in time at which limits are measured for a choice
+SAMPLES = 80  # points in time at which limits are measured for a choice
 FINE = 400  # and of what was chosen
-TABLE = 33  # points at which a line's derivatives are kept
-_SPEED, _ACCELERATION, _HARD = np.array([(*shape, hard) for shape, hard in product(SHAPES, HARD)]).T
+STARTS = np.array([(*shape, 1.0, hard, SHARE, hard, SHARE) for shape, hard in product(SHAPES, HARD)])
+Way = tuple[Array, Array, Array, Array, Array, Array, Array]
+Machine = tuple[Array, Array, Array, float]
+_NO_LINE = (np.zeros(1), np.zeros((4, 0, 6)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +50,15 @@ class End:
     length: float = 0.0
     straight: float = 0.0
 
-    @property
+    @cached_property
     def far(self) -> Array:
         """(6,) where the line ends."""
         return self.q if self.path is None else self.path.end
 
-    @cached_property
-    def table(self) -> Array:
-        """(TABLE, 4, 6): q(s) - q(1) and its first three derivatives at equal steps of s."""
-        assert self.path is not None
-        s = np.linspace(0.0, 1.0, TABLE)
-        table = np.stack([self.path.spline(s, k) for k in range(4)], axis=1)
-        table[:, 0] -= self.far
-        return table
+    @property
+    def spline(self) -> tuple[Array, Array]:
+        """Knots and coefficients of the line, as `robots.flight_loops` has them."""
+        return _NO_LINE if self.path is None else (self.path.spline.x, np.ascontiguousarray(self.path.spline.c))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,33 +66,18 @@ class Flight:
     """One motion, a segment of `robots.timing.Motion`.
 
     Attributes:
-        first, turn, last: laws (n = 1) along the line away, of the turn, and along the line to the end, which runs
-            backwards.
-        raised: (6,) b.
+        tables, way: see `robots.flight_loops`.
         wait: of the turn; duration: of the whole, in [s].
     """
 
-    start: End
-    end: End
-    first: Law
-    turn: Law
-    last: Law
-    raised: Array
+    tables: Array
+    way: Way
     wait: float
     duration: float
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Positions and velocities (n, 6) at times (n,) in [s]."""
-        t = np.asarray(times)[None]
-        u, ud = self.turn.at(t - self.wait)[:2, 0, :, None]
-        d, b = self.end.far - self.start.far, 4.0 * self.raised
-        q, qd = self.start.far + d * u + b * u * (1.0 - u), (d + b * (1.0 - 2.0 * u)) * ud
-        for end, law, backwards in ((self.start, self.first, False), (self.end, self.last, True)):
-            if end.path is not None:
-                s, sd = law.at(self.duration - t if backwards else t)[:2, 0]
-                q += end.path.spline(s) - end.far
-                qd += end.path.spline(s, 1) * (-sd if backwards else sd)[:, None]
-        return q, qd
+        return sampled(np.asarray(times, np.float64), self.duration, self.wait, self.tables, self.way)
 
 
 @dataclass(frozen=True)
@@ -129,40 +112,19 @@ class Between:
 
     def quickest(self, form: Form, speed: float) -> tuple[float, Flight]:
         """The quickest flight of a form, and about the seconds that it takes at `speed` of the arm's."""
-        laws = [line and line[0] for line in self._lines]
-        turn, waits, total = self._timing(form)
-        seconds = total / (speed * self._fastest(form, laws, turn, waits[0], total, SAMPLES, speed))
-        k = int(np.argmin(seconds))
-        first, last = (turn.row(k) if law is None else law.row(k) for law in laws)
-        flight = Flight(
-            self.start, self.end, first, turn.row(k), last, form.raised, float(waits[0][k]), float(total[k])
-        )
-        return float(seconds[k]), flight
+        way, machine, levels = self._way(form.raised), self._machine(speed), np.array(form.waits)
+        top, lines = self._top(form.raised), self._lines(form.raised)
+        laws, seconds = quickest(STARTS, top, lines, levels, OFF_LINE, SAMPLES, way, machine)
+        tables, wait, total = timing(laws, top, lines, levels, OFF_LINE)
+        return seconds / speed, Flight(tables, way, wait, total)
 
     def scale(self, flight: Flight, speed: float) -> float:
         """How many times as fast as its own laws a flight may run for the limits of joints and tool.
 
         They are measured at so many points that no phase is missed.
         """
-        form, one = Form((0.0, 0.0), flight.raised), np.ones(1)
-        laws = [None if e.path is None else law for e, law in ((self.start, flight.first), (self.end, flight.last))]
-        total = one * flight.duration
-        return speed * float(self._fastest(form, laws, flight.turn, one * flight.wait, total, FINE, speed)[0])
-
-    def _fastest(
-        self, form: Form, laws: list[Law | None], turn: Law, wait: Array, total: Array, samples: int, speed: float
-    ) -> Array:
-        """How many times as fast (n,) flights may run for the limits of joints, and of the tool at `speed`."""
-        model, times = self.model, np.linspace(0.0, 1.0, samples) * total[:, None]
-        q, *rates = self._measured(form, laws, turn, wait, total, times)
-        limits = (model.velocity, model.acceleration, model.jerk)
-        use = [np.abs(rate / limit).max(axis=(1, 2)) for rate, limit in zip(rates, limits, strict=True)]
-        scale = MARGIN / np.max([use[0], np.sqrt(use[1]), np.cbrt(use[2])], axis=0)
-        if self.limit is not None:
-            points = (flange_poses(model, q.reshape(-1, 6)) @ self.T_flange_tool[:, 3])[:, :3].reshape(*q.shape[:2], 3)
-            shaken = np.linalg.norm(points[:, 2:] - 2 * points[:, 1:-1] + points[:, :-2], axis=-1).max(axis=1)
-            scale = np.minimum(scale, TOOL_MARGIN * np.sqrt(self.limit / (shaken + 1e-12)) * times[:, 1] / speed)
-        return np.asarray(scale)
+        limits = self._machine(speed)
+        return speed * float(fastest(FINE, flight.duration, flight.wait, flight.tables, flight.way, limits))
 
     def raised(self, heights: Array) -> list[Array | None]:
         """What raises the tool in the middle of the turn by each height (n,) in [m], as `Form` has it.
@@ -176,61 +138,40 @@ class Between:
         good = found.valid[:, slot] & (found.sigma[:, slot] > SIGMA_MIN)
         return [x - q if ok else None for x, ok in zip(found.q[:, slot], good, strict=True)]
 
-    def _timing(self, form: Form) -> tuple[Law, list[Array], Array]:
-        """Laws of the turn, how long they wait at either end, and how long the whole takes."""
-        steepest = np.maximum(np.abs(self.end.far - self.start.far) + 4 * np.abs(form.raised), 1e-9)
+    def _way(self, raised: Array) -> Way:
+        return self.start.far, self.end.far, raised, *self.start.spline, *self.end.spline
+
+    def _machine(self, speed: float) -> Machine:
+        model = self.model
+        limits = np.stack([model.velocity * MARGIN, model.acceleration * MARGIN**2, model.jerk * MARGIN**3])
+        shake = np.inf if self.limit is None else self.limit * (TOOL_MARGIN / speed) ** 2
+        return limits, arm_of(model), np.ascontiguousarray(self.T_flange_tool[:3, 3]), shake
+
+    def _top(self, raised: Array) -> Array:
+        """(3,) largest velocity, acceleration and jerk of the turn that the joints allow."""
+        steepest = np.maximum(np.abs(self.end.far - self.start.far) + 4 * np.abs(raised), 1e-9)
         limits = (self.model.velocity, self.model.acceleration, self.model.jerk)
-        v, a, j = (float((m / steepest).min()) for m in limits)
-        turn = s_curve(v * _SPEED, a * _ACCELERATION, np.full(len(_HARD), j))
-        waits, total = [], np.zeros(len(_HARD))
-        for line, level in zip(self._lines, form.waits, strict=True):
-            if line is None:
-                waits.append(total * 0.0)
-                continue
-            law, straight, reach = line
-            least = (straight - np.cbrt(6 * OFF_LINE / (j * reach))).clip(0.0)
-            waits.append(least + level * (law.duration - least).clip(0.0))
-            total = np.maximum(total, law.duration)
-        return turn, waits, np.maximum(total, waits[0] + turn.duration + waits[1])
+        return np.array([(m / steepest).min() for m in limits])
 
-    @cached_property
-    def _lines(self) -> list[tuple[Law, Array, float] | None]:
-        """For either end the laws along its line, when (n,) the straight part is behind, and how far the turn moves a
-        corner there, in [m] for each unit of u."""
-        return [None if end.path is None else self._line(end) for end in (self.start, self.end)]
+    def _lines(self, raised: Array) -> Array:
+        """(2, 4) see `robots.flight_loops.timing`."""
+        turn = self.end.far - self.start.far
+        steepest = [self._line(end) for end in (self.start, self.end)]
+        reach = [self._reach(end, turn + sign * 4.0 * raised) for end, sign in ((self.start, 1.0), (self.end, -1.0))]
+        return np.array([(*line, r) for line, r in zip(steepest, reach, strict=True)])
 
-    def _line(self, end: End) -> tuple[Law, Array, float]:
-        steepest = np.maximum(np.abs(end.table[:, 1]).max(axis=0), 1e-9)
-        a, j = (float((m / steepest).min()) for m in (self.model.acceleration, self.model.jerk))
+    def _line(self, end: End) -> tuple[float, float, float]:
+        """Largest acceleration and jerk along a line, and its straight share."""
+        if end.path is None:
+            return 0.0, 0.0, 0.0
+        a, j = (float((m / end.path.peaks[0]).min()) for m in (self.model.acceleration, self.model.jerk))
         a = a if self.limit is None else min(a, self.limit / end.length)
-        law = rise(a * _HARD**2, j * _HARD, np.full(len(_HARD), SHARE))
-        assert end.path is not None
-        q, small = end.path.spline(end.straight / end.length), 1e-4
-        turned = q + small * (self.end.far - self.start.far)
-        before, after = apply(flange_poses(self.model, np.stack([q, turned])), self.corners)
-        reach = float(np.linalg.norm(after - before, axis=1).max()) / small
-        return law, law.when(end.straight / end.length), reach + 1e-9
+        return a, j, end.straight / end.length
 
-    def _measured(
-        self, form: Form, laws: list[Law | None], turn: Law, wait: Array, total: Array, times: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Positions and their first three derivatives, each (n, m, 6), at times (n, m)."""
-        u, v, a, j = turn.at(times - wait[:, None])[..., None]
-        d, b = self.end.far - self.start.far, 4.0 * form.raised
-        d1, d2 = d + b * (1.0 - 2.0 * u), -2.0 * b
-        out = [self.start.far + d * u + b * u * (1.0 - u), d1 * v, d2 * v**2 + d1 * a, 3.0 * d2 * v * a + d1 * j]
-        for end, law, sign in zip((self.start, self.end), laws, (1.0, -1.0), strict=True):
-            if law is None:
-                continue
-            s = law.at(times if sign > 0 else total[:, None] - times)
-            v, a, j = s[1:, ..., None]
-            place = s[0] * (TABLE - 1)
-            k = place.astype(int).clip(0, TABLE - 2)
-            part = (place - k)[..., None, None]
-            p = end.table[k] * (1.0 - part) + end.table[k + 1] * part
-            p0, p1, p2, p3 = np.moveaxis(p, 2, 0)
-            out[0] += p0
-            out[1] += sign * p1 * v
-            out[2] += p2 * v**2 + p1 * a
-            out[3] += sign * (p3 * v**3 + 3.0 * p2 * v * a + p1 * j)
-        return out[0], out[1], out[2], out[3]
+    def _reach(self, end: End, turn: Array) -> float:
+        """How far a turn (6,) of the joints for each unit of u moves a corner, where the straight part ends, in [m]."""
+        if end.path is None:
+            return 0.0
+        q, small = end.path.spline(end.straight / end.length), 1e-4
+        before, after = apply(flange_poses(self.model, np.stack([q, q + small * turn])), self.corners)
+        return float(np.linalg.norm(after - before, axis=1).max()) / small + 1e-9

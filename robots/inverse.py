@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from py_opw_kinematics import KinematicModel, RigidTransform, Robot
 
 from cell.frames import Array
+from robots.chain import flanges
 from robots.model import OpwConfig, RobotModel
 
 FRONT = (0, 4)  # shoulder faces the work, elbow up; with the elbow down the arm touches itself or the bin first
@@ -60,27 +61,12 @@ def inverse(model: RobotModel, Ts_base_flange: Array, q_near: ArrayLike | None =
 
 def flange_poses(model: RobotModel, q: Array) -> Array:
     """T_base_flange (n, 4, 4) at q (n, 6) in [rad], as `model.forward` but by the closed form: faster for many."""
-    o, theta = model.opw, _angles(model, q)
-    s, c = np.sin(theta), np.cos(theta)
-    psi3, k = np.arctan2(o.a2, o.c3), np.hypot(o.a2, o.c3)
-    slope = theta[:, 1] + theta[:, 2]
-    x = o.c2 * s[:, 1] + k * np.sin(slope + psi3) + o.a1
-    z = o.c2 * c[:, 1] + k * np.cos(slope + psi3) + o.c1
-    s23, c23, zero = np.sin(slope), np.cos(slope), np.zeros(len(theta))
-    (s1, _, _, s4, s5, s6), (c1, _, _, c4, c5, c6) = s.T, c.T
-    R_base_arm = np.array([[c1 * c23, -s1, c1 * s23], [s1 * c23, c1, s1 * s23], [-s23, zero, c23]])
-    R_arm_flange = np.array(
-        [
-            [c4 * c5 * c6 - s4 * s6, -c4 * c5 * s6 - s4 * c6, c4 * s5],
-            [s4 * c5 * c6 + c4 * s6, -s4 * c5 * s6 + c4 * c6, s4 * s5],
-            [-s5 * c6, s5 * s6, c5],
-        ]
-    )
-    T = np.zeros((len(theta), 4, 4))
-    T[:, :3, :3] = np.moveaxis(R_base_arm, 2, 0) @ np.moveaxis(R_arm_flange, 2, 0)
-    wrist = np.stack([x * c1 - o.b * s1, x * s1 + o.b * c1, z], axis=1)
-    T[:, :3, 3], T[:, 3, 3] = wrist + o.c4 * T[:, :3, 2], 1.0
-    return T
+    return np.asarray(flanges(arm_of(model), np.ascontiguousarray(q, np.float64)))
+
+
+def arm_of(model: RobotModel) -> Array:
+    """(19,) parameters as `robots.chain` has them."""
+    return _parameters(model.opw)
 
 
 def branch(model: RobotModel, q: ArrayLike) -> np.ndarray:
@@ -119,6 +105,12 @@ def _turn(model: RobotModel, q: Array, near: Array) -> Array:
     wanted = np.round((near - q) / turn)
     first, last = np.ceil((model.lower - q) / turn), np.floor((model.upper - q) / turn)
     return np.asarray(q + turn * np.where(first <= last, np.clip(wanted, first, last), wanted))
+
+
+@lru_cache(maxsize=8)
+def _parameters(o: OpwConfig) -> Array:
+    signs, offsets = np.where(o.flips, -1.0, 1.0), np.deg2rad(o.offsets_deg)
+    return np.array([o.a1, o.a2, o.b, o.c1, o.c2, o.c3, o.c4, *signs, *offsets])
 
 
 @lru_cache(maxsize=8)

@@ -18,7 +18,7 @@ import numpy as np
 
 from cell.bin import Box
 from cell.frames import Array, invert
-from robots.collision import CollisionScene, Mode
+from robots.collision import CollisionScene, HeightField, Mode
 from robots.dynamics import Load
 from robots.failure import Cause, PlanFailure, Refusal, Stage
 from robots.inverse import FRONT, SIGMA_MIN, Branches, flange_poses, inverse
@@ -47,13 +47,15 @@ class PickRequest:
             vector `retract_direction` in the world; place_height: of the vertical line down to a place pose; depart: of
             the vertical line away from q_start, 0 for none.
         straight: length that is kept straight of each of these lines where the rest of it may be rounded into the
-            flight without a touch [m]; None for the whole lines.
+            flight without a touch [m]; None for the whole lines. straight_place: the same of the lines at the place;
+            None for as much as at the grasp.
         place_rank: (k,) how much each place pose is wanted, the least first; among equals the quickest to reach is
             taken. None for the order given.
         speed: in (0, 1] of the arm's speed, see `robots.trajectory`.
         carry_acceleration: largest acceleration of the TCP with the part [m/s2].
         tool_load, part_load: what gripper and part weigh on the flange, for the torques; None for nothing.
         held_tolerance: error of the part's estimated pose [m] that does not count as a collision on the lift's line.
+        pile_without: the scanned pile once the part is out of it; None for the scan as it is, the part in it.
         seed: of the path search, which runs only where straight moves and via points fail.
     """
 
@@ -74,9 +76,11 @@ class PickRequest:
     dt: float = DT
     depart: float = 0.0
     straight: float | None = None
+    straight_place: float | None = None
     place_rank: tuple[int, ...] | None = None
     tool_load: Load | None = None
     part_load: Load | None = None
+    pile_without: HeightField | None = None
 
     @property
     def free(self) -> Pace:
@@ -194,7 +198,7 @@ def _plan_in_branch(
     approach = join(scene, start, out, request.free, request.seed, "approach")
     if isinstance(approach, Refusal):
         return PlanFailure(Stage.APPROACH, approach, "way to the grasp")
-    scene.hold(hold, request.held_tolerance)
+    scene.hold(hold, request.held_tolerance, request.pile_without)
     placed = _place(scene, request, up, slot)
     if isinstance(placed, PlanFailure):
         return placed
@@ -282,7 +286,8 @@ def _stop(
     scene: CollisionScene, request: PickRequest, T: Array, q: Array, way: Array, mode: Mode, stage: Stage, what: str
 ) -> Stop | PlanFailure:
     """A stop at flange pose T with a line by `way` (3,) in the world, of which at least the beginning is reachable."""
-    stop = Stop(q, Line(scene.robot, T, q, way), mode, request.straight)
+    straight = request.straight if mode == "contact" else request.straight_place or request.straight
+    stop = Stop(q, Line(scene.robot, T, q, way), mode, straight)
     usable = stop.usable
     return PlanFailure(stage, usable, what) if isinstance(usable, Refusal) else stop
 

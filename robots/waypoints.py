@@ -15,14 +15,17 @@ THROUGH = 100  # CNT of points that are passed without a stop
 VIAS = 6  # points taken of a free move that is not direct
 
 
-def waypoints_of(robot: RobotModel, plan: PickPlan, T_flange_tool: Array, straight: float) -> list[Waypoint]:
+def waypoints_of(
+    robot: RobotModel, plan: PickPlan, T_flange_tool: Array, straight: float, straight_place: float
+) -> list[Waypoint]:
     """The points of a pick: off the last place, before, at and after the grasp, before and at the place, and home.
 
     Speeds are the means over each stretch. A controller flies between the points by its own interpolation, so a program
     made of them is the same motion at its lines and near it in between.
 
     Args:
-        straight: length in [m] of the lines into and out of grasp and place that a program must keep.
+        straight: length in [m] of the lines into and out of the grasp that a program must keep; straight_place: of that
+            into the place.
     """
     approach, carry = plan.approach, plan.carry
     stops: list[tuple[Trajectory, list[tuple[int, bool]]]] = [
@@ -34,7 +37,7 @@ def waypoints_of(robot: RobotModel, plan: PickPlan, T_flange_tool: Array, straig
             plan.lift,
             [(_first_beyond(robot, plan.lift.q, T_flange_tool, straight), True), (len(plan.lift.q) - 1, False)],
         ),
-        (carry, _free(carry, 0, before_end(robot, carry, T_flange_tool, straight), plan.methods[1])),
+        (carry, _free(carry, 0, before_end(robot, carry, T_flange_tool, straight_place), plan.methods[1])),
     ]
     if len(plan.leave.q) > 1:
         stops.append((plan.leave, [(len(plan.leave.q) - 1, False)]))

@@ -31,7 +31,7 @@ from robots.plan import PickPlan, PickRequest
 from scenarios.episode import oracle_perception
 from scenarios.move import release_opening
 from scenarios.pick import Decision, Memory, choose, decide, request_of
-from scenarios.scan import scan_heights
+from scenarios.scan import Scan
 from scenarios.scenario import Scenario, load_scenario
 from scenarios.workcell import Workcell
 
@@ -148,7 +148,7 @@ def _empty(cell: Workcell, seed: int, picks: int) -> Iterator[Measured]:
             cell.robot,
             cell.gripper.flange_boxes(decision.candidate.opening),
             cell.obstacles,
-            scan_heights(cell, frame),
+            Scan.of(cell, frame).field,
         )
         yield _measured(cell, scene, request, decision, memory.waits_at is not None, plan_s)
         _carry_out(cell, request, decision, estimates.Ts_world_part[decision.candidate.estimate], memory)

@@ -17,7 +17,7 @@ from cell.tool import in_frame
 from grasping.candidates import GraspCandidate, Selection, select
 from grasping.grasp_points import GraspPoses
 from grasping.verdict import CHOSEN, Verdict
-from robots.collision import CollisionScene
+from robots.collision import CollisionScene, HeightField
 from robots.dynamics import Load
 from robots.failure import PlanFailure, Stage
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
@@ -32,7 +32,7 @@ from scenarios.place import place_error
 from scenarios.placing import Place
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.rehearsal import REHEARSALS
-from scenarios.scan import scan_heights, scene_points, true_points
+from scenarios.scan import Scan, scene_points, true_points
 from scenarios.tree import RuledOut, decision_tree
 from scenarios.workcell import PLACE, SOURCE, Workcell
 
@@ -181,7 +181,13 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "waypoints": None
             if "motion" in cell.oracle
             else as_json(
-                waypoints_of(cell.robot, decision.plan, cell.gripper.T_flange_tool, cell.scenario.carry.straight)
+                waypoints_of(
+                    cell.robot,
+                    decision.plan,
+                    cell.gripper.T_flange_tool,
+                    cell.scenario.carry.straight,
+                    cell.scenario.straight_place,
+                )
             ),
             "robot_s": robot_s,
         }
@@ -275,21 +281,30 @@ class _ArmPlanner:
 
     def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory, seed: int) -> None:
         self._cell, self._memory, self._seed = cell, memory, seed
-        self._field = scan_heights(cell, frame)
+        self._scan = Scan.of(cell, frame)
         self._scenes: dict[float, CollisionScene] = {}
+        self._piles: dict[int, HeightField] = {}
         self.planned = 0
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
         cell, opening = self._cell, candidate.opening
         scene = self._scenes.get(opening)
         if scene is None:
-            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(opening), cell.obstacles, self._field)
+            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(opening), cell.obstacles, self._scan.field)
             self._scenes[opening] = scene
         stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
         if stop is not None:
             return stop
         self.planned += 1
-        return plan_pick(scene, request_of(cell, candidate, self._memory, self._seed))
+        request = request_of(cell, candidate, self._memory, self._seed)
+        return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate)))
+
+    def _pile_without(self, candidate: GraspCandidate) -> HeightField:
+        k = candidate.estimate
+        if k not in self._piles:
+            T_world_part = candidate.T_world_tool @ invert(candidate.T_part_tool)
+            self._piles[k] = self._scan.without(T_world_part, self._cell.workpiece)
+        return self._piles[k]
 
 
 class _FreePlanner:
@@ -336,6 +351,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         dt=cell.world.dt,
         depart=0.0 if memory.waits_at is None else PLACE_LINE,
         straight=cell.scenario.carry.straight,
+        straight_place=cell.scenario.straight_place,
         place_rank=memory.place.ranks(),
         tool_load=Load(cell.gripper.mass, cell.gripper.centre),
         part_load=Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0]),

@@ -23,7 +23,7 @@ from cell.frames import Array
 from cell.sensor import SensorConfig
 from cell.workpiece import list_workpieces, search_path
 from grasping.ranking import GraspingConfig
-from scenarios.place_config import HeapPlace, PlaceConfig
+from scenarios.place_config import HeapPlace, PatternPlace, PlaceConfig
 
 SHIPPED = Path(__file__).resolve().parent
 Triple = tuple[float, float, float]
@@ -125,6 +125,9 @@ class CarryConfig(Config):
     straight: float = Field(
         default=0.012, gt=0, le=0.5, description="[m] of every line kept straight where the rest may be rounded"
     )
+    straight_place: float = Field(
+        default=0.005, gt=0, le=0.5, description="the same at a heap's place; a pattern takes `straight`"
+    )
 
 
 def robots() -> list[str]:
@@ -164,6 +167,11 @@ class Scenario(Config):
     stop: StopConfig = StopConfig()
     carry: CarryConfig = CarryConfig()
     wrist: WristConfig = WristConfig()
+
+    @property
+    def straight_place(self) -> float:
+        """[m] of the lines at the place that are kept straight."""
+        return self.carry.straight if isinstance(self.place, PatternPlace) else self.carry.straight_place
 
     @field_validator("robot")
     @classmethod

@@ -156,6 +156,25 @@ def test_held_part_counts_until_released(robot: RobotModel, scene: CollisionScen
     assert scene.free(q)
 
 
+def test_the_held_part_passes_where_only_it_lay(robot: RobotModel) -> None:
+    """With the pile as it is without the part, the checks are those of a scene that was scanned so; others keep it."""
+    full, rest = (HeightField(np.full((41, 61), height), 0.32, -0.10, 0.005) for height in (0.05, 0.02))
+    scene, fresh = CollisionScene(robot, TOOL, CELL, full), CollisionScene(robot, TOOL, CELL, rest)
+    fresh.hold(HELD)
+    for without, ground in ((rest, fresh), (None, scene)):
+        scene.hold(HELD, without=without)
+        for z in np.linspace(0.02, 0.08, 13):
+            q = at(robot, 0.45, 0, z)
+            assert scene.first_contact(q) == ground.first_contact(q)
+            with scene.empty_handed():
+                assert scene.free(q) == (z > 0.05)
+    scene.hold(HELD, without=rest)
+    between = at(robot, 0.45, 0, 0.045)
+    assert scene.free(between)
+    scene.hold(HELD)
+    assert not scene.free(between)
+
+
 def test_unseen_cells_are_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         HeightField(np.array([[0.0, np.nan], [0.0, 0.0]]), 0, 0, 0.1)

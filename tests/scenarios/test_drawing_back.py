@@ -88,6 +88,7 @@ def test_where_the_way_back_is_shut_it_is_said(cell: Workcell) -> None:
     decision, plan = planned(cell, Memory(cell.new_place()))
     assert decision.candidate is not None
     way_in = plan.approach.q
+    cell.arm.hold_jaws(decision.candidate.opening)  # for which it was planned
     assert not execute(cell.world, cell.arm, way_in).stopped
     free = recover(cell, decision.candidate, way_in, way_in[:0], cell.arm.opening)
     assert not free.stopped and np.abs(cell.arm.q - cell.robot.home).max() < 0.01

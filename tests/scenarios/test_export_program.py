@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cell.gripper import load_gripper
+from robots.flight import OFF_LINE
 from robots.model import forward, load_robot
 from robots.tp_program import parse_program
 from scenarios.cli import main
@@ -38,15 +39,16 @@ def test_the_program_of_a_pick(tmp_path: Path, capsys: pytest.CaptureFixture[str
         assert T is not None
         np.testing.assert_allclose(T, forward(robot, np.array(waypoint["q"])) @ T_flange_tool, atol=5e-6)
         points.append(T[:3, 3])
-    straight = load_scenario("bracket").carry.straight
+    carry = load_scenario("bracket").carry
     for gripper in ("close", "open"):  # into grasp and place on a line, and to a stop
         (at,) = [i for i, w in enumerate(stored) if w["gripper"] == gripper]
         assert stored[at]["motion"] == "L" and stored[at]["cnt"] is None
         T = forward(robot, np.array(stored[at]["q"])) @ T_flange_tool
         way = points[at] - points[at - 1]
+        straight = carry.straight if gripper == "close" else carry.straight_place
         assert 0.8 * straight < np.linalg.norm(way) <= straight
         down = T[:3, 2] if gripper == "close" else np.array([0.0, 0.0, -1.0])
-        assert way @ down / np.linalg.norm(way) > 0.999
+        assert way @ down > 0.0 and np.linalg.norm(np.cross(way, down)) < 1.1 * OFF_LINE
     start = np.array(done.attempts[0].waypoints[-1]["q"])
     np.testing.assert_allclose(stored[0]["q"], start, atol=1e-6)  # where the arm waited after the pick before
 

@@ -14,7 +14,7 @@ from scenarios.episode import oracle_perception
 from scenarios.move import release_opening
 from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide
 from scenarios.records import Reason
-from scenarios.scan import BIN_MARGIN, GRID, scan_heights, scene_points
+from scenarios.scan import BIN_MARGIN, GRID, Scan, scene_points
 from scenarios.scenario import load_scenario
 from scenarios.workcell import SOURCE, Workcell
 
@@ -63,7 +63,7 @@ def test_the_scan_sees_the_workpieces_and_not_the_bin(cell: Workcell) -> None:
 
 def test_heights_lie_where_the_points_lie_though_the_bin_is_turned(cell: Workcell) -> None:
     frame, _ = cell.capture(np.random.default_rng(0))
-    points, field = scene_points(cell, frame), scan_heights(cell, frame)
+    points, field = scene_points(cell, frame), Scan.of(cell, frame).field
     ny, nx = field.heights.shape
     ys, xs = np.mgrid[:ny, :nx]
     nodes = np.stack([field.x0 + GRID * xs, field.y0 + GRID * ys], axis=-1)
@@ -78,6 +78,29 @@ def test_heights_lie_where_the_points_lie_though_the_bin_is_turned(cell: Workcel
     inner = apply(cell.source.T_world_bin, corners)[:, :2]
     assert (inner > (field.x0 - 1e-9, field.y0 - 1e-9)).all()
     assert (inner < np.array([field.x0 + GRID * nx, field.y0 + GRID * ny])).all()
+
+
+def test_the_heap_without_a_workpiece_is_lower_where_it_lay_and_nowhere_higher(cell: Workcell) -> None:
+    frame, _ = cell.capture(np.random.default_rng(0))
+    scan, surface = Scan.of(cell, frame), cell.workpiece.sample_surface(20_000)[0]
+    below = 0
+    for T in cell.observe().Ts_world_part:
+        field, rest = scan.field, scan.without(T, cell.workpiece)
+        lower = rest.heights < field.heights
+        assert (rest.heights <= field.heights).all() and (rest.heights >= scan.floor).all()
+        mine = apply(T, surface)
+        column, row = np.rint((mine[:, :2] - (field.x0, field.y0)) / GRID).astype(int).T
+        reach = np.zeros_like(lower)
+        for i in (-1, 0, 1):
+            for j in (-1, 0, 1):
+                reach[np.clip(row + i, 0, len(reach) - 1), np.clip(column + j, 0, reach.shape[1] - 1)] = True
+        assert not (lower & ~reach).any()
+        below += int(lower.sum())
+        on_top = mine[:, 2] > field.heights[row, column] - 0.002  # what the camera saw of it
+        if on_top.mean() > 0.3:
+            seen = np.unique(np.stack([row, column])[:, on_top], axis=1)
+            assert lower[seen[0], seen[1]].mean() > 0.8
+    assert below > 20
 
 
 def test_nothing_found_and_nothing_free_are_told_apart(cell: Workcell, memory: Memory) -> None:

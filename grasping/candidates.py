@@ -126,9 +126,11 @@ def select(
         counts = {name: Counter({str(Verdict.DISABLED): n}) for name, n in poses.disabled.items()}
         for name, n in poses.no_place.items():
             counts.setdefault(name, Counter())[str(Verdict.NO_PLACE)] += n
-        for i, verdict in zip(poses.index, verdicts, strict=True):
-            if verdict:
-                counts.setdefault(poses.points[i].name, Counter())[str(verdict)] += 1
+        for said in np.unique(verdicts[verdicts != ""]):
+            of_points = np.bincount(poses.index[verdicts == said], minlength=len(poses.points))
+            for point, n in zip(poses.points, of_points.tolist(), strict=True):
+                if n:
+                    counts.setdefault(point.name, Counter())[str(said)] += n
         ruled_out[k], of_pose[k] = {name: dict(c) for name, c in counts.items()}, verdicts
     found.sort(key=lambda c: -c.rank)
     for candidate in found[weights.max_candidates :]:

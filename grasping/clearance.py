@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -98,17 +99,11 @@ class OpenGripper:
 
     def room(self, T_world_tool: Array, points: Array, most: float) -> float:
         """Distance in [m] from the gripper at one tool pose (4, 4) to the nearest point (k, 3), at most `most`."""
-        low, high = self.corners.min(axis=0) - most, self.corners.max(axis=0) + most
-        local = apply(invert(T_world_tool), points)
-        local = local[((local > low) & (local < high)).all(axis=1), None]
-        outside = np.maximum(np.abs(local - self.centres) - self.halves, 0.0)
-        return float(np.sqrt((outside**2).sum(axis=-1).min(initial=most**2)))
+        return float(_nearest(invert(T_world_tool), np.ascontiguousarray(points), self.centres, self.halves, most))
 
     def count(self, T_world_tool: Array, points: Array) -> int:
         """How many of the points (k, 3) are inside at one tool pose (4, 4)."""
-        local = apply(invert(T_world_tool), points)[:, None]
-        inside = (np.abs(local - self.centres) < self.halves).all(axis=-1)
-        return int(np.count_nonzero(np.any(inside, axis=1)))
+        return int(_inside(invert(T_world_tool), np.ascontiguousarray(points), self.centres, self.halves))
 
     def hits_bin(self, Ts_world_tool: Array, bin: Bin) -> np.ndarray:
         """(n,) bool: some of the gripper is in a wall, under the floor, or outside the walls below the rim."""
@@ -137,27 +132,52 @@ def _both_positive(a: Array, b: Array, edges: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True)
+def _local(T, p, local):  # type: ignore[no-untyped-def]
+    """Write T (4, 4) times the point p (3,)."""
+    for m in range(3):
+        local[m] = T[m, 0] * p[0] + T[m, 1] * p[1] + T[m, 2] * p[2] + T[m, 3]
+
+
+@numba.njit(cache=True)
+def _nearest(T_tool_world, points, centres, halves, most):  # type: ignore[no-untyped-def]
+    """Distance from boxes (b, 3) of a tool frame to the nearest of the points (k, 3) in the world, at most `most`."""
+    least, local = most * most, np.empty(3)
+    for p in points:
+        _local(T_tool_world, p, local)
+        for b in range(len(centres)):
+            d = 0.0
+            for m in range(3):
+                d += max(abs(local[m] - centres[b, m]) - halves[b, m], 0.0) ** 2
+            least = min(least, d)
+    return math.sqrt(least)
+
+
+@numba.njit(cache=True)
+def _inside(T_tool_world, points, centres, halves):  # type: ignore[no-untyped-def]
+    """How many of the points (k, 3) in the world are in one of the boxes (b, 3) of a tool frame."""
+    count, local = 0, np.empty(3)
+    for p in points:
+        _local(T_tool_world, p, local)
+        for b in range(len(centres)):
+            x, y, z = local[0] - centres[b, 0], local[1] - centres[b, 1], local[2] - centres[b, 2]
+            if abs(x) < halves[b, 0] and abs(y) < halves[b, 1] and abs(z) < halves[b, 2]:
+                count += 1
+                break
+    return count
+
+
+@numba.njit(cache=True)
 def _any_inside(Ts_tool_world, points, centres, halves, low, high):  # type: ignore[no-untyped-def]
     """(n,) bool: one of the points (k, 3) in the world is in one of the boxes (b, 3) of a tool frame."""
-    hit = np.zeros(len(Ts_tool_world), np.bool_)
-    local = np.empty(3)
+    hit, local = np.zeros(len(Ts_tool_world), np.bool_), np.empty(3)
     for i in range(len(Ts_tool_world)):
-        T = Ts_tool_world[i]
         for p in points:
-            near = True
-            for m in range(3):
-                local[m] = T[m, 0] * p[0] + T[m, 1] * p[1] + T[m, 2] * p[2] + T[m, 3]
-                if not low[m] < local[m] < high[m]:
-                    near = False
-                    break
-            if not near:
+            _local(Ts_tool_world[i], p, local)
+            if not (low[0] < local[0] < high[0] and low[1] < local[1] < high[1] and low[2] < local[2] < high[2]):
                 continue
             for b in range(len(centres)):
-                if (
-                    abs(local[0] - centres[b, 0]) < halves[b, 0]
-                    and abs(local[1] - centres[b, 1]) < halves[b, 1]
-                    and abs(local[2] - centres[b, 2]) < halves[b, 2]
-                ):
+                x, y, z = local[0] - centres[b, 0], local[1] - centres[b, 1], local[2] - centres[b, 2]
+                if abs(x) < halves[b, 0] and abs(y) < halves[b, 1] and abs(z) < halves[b, 2]:
                     hit[i] = True
                     break
             if hit[i]:

@@ -10,7 +10,7 @@ What the sum does to the limits is measured, and the whole runs as fast as the t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 
@@ -27,7 +27,7 @@ HARD = (1.0, 0.75)  # jerk along the lines, of what joints allow
 SHARE = 0.35  # of a line, over which the tool speeds up
 OFF_LINE = 0.001  # [m] any corner of hand or part may leave what must be straight
 MARGIN, TOOL_MARGIN = 0.99, 0.98  # of the joints' limits and of the tool's acceleration
-SAMPLES = 80  # points in time at which limits are measured for a choice
+SAMPLES = 56  # points in time at which limits are measured for a choice
 FINE = 400  # and of what was chosen
 STARTS = np.array([(*shape, 1.0, hard, SHARE, hard, SHARE) for shape, hard in product(SHAPES, HARD)])
 Way = tuple[Array, Array, Array, Array, Array, Array, Array]
@@ -109,11 +109,11 @@ class Between:
     T_flange_tool: Array
     corners: Array
     limit: float | None = None
+    _known: dict[bytes, tuple[Way, Array, Array]] = field(default_factory=dict)
 
     def quickest(self, form: Form, speed: float) -> tuple[float, Flight]:
         """The quickest flight of a form, and about the seconds that it takes at `speed` of the arm's."""
-        way, machine, levels = self._way(form.raised), self._machine(speed), np.array(form.waits)
-        top, lines = self._top(form.raised), self._lines(form.raised)
+        (way, top, lines), machine, levels = self._over(form.raised), self._machine(speed), np.array(form.waits)
         laws, seconds = quickest(STARTS, top, lines, levels, OFF_LINE, SAMPLES, way, machine)
         tables, wait, total = timing(laws, top, lines, levels, OFF_LINE)
         return seconds / speed, Flight(tables, way, wait, total)
@@ -124,7 +124,7 @@ class Between:
         They are measured at so many points that no phase is missed.
         """
         limits = self._machine(speed)
-        return speed * float(fastest(FINE, flight.duration, flight.wait, flight.tables, flight.way, limits))
+        return speed * float(fastest(FINE, flight.duration, flight.wait, flight.tables, flight.way, limits, 0.0))
 
     def raised(self, heights: Array) -> list[Array | None]:
         """What raises the tool in the middle of the turn by each height (n,) in [m], as `Form` has it.
@@ -138,8 +138,13 @@ class Between:
         good = found.valid[:, slot] & (found.sigma[:, slot] > SIGMA_MIN)
         return [x - q if ok else None for x, ok in zip(found.q[:, slot], good, strict=True)]
 
-    def _way(self, raised: Array) -> Way:
-        return self.start.far, self.end.far, raised, *self.start.spline, *self.end.spline
+    def _over(self, raised: Array) -> tuple[Way, Array, Array]:
+        """What `robots.flight_loops` wants to know of the flights that are raised so: way, top, lines."""
+        key = raised.tobytes()
+        if key not in self._known:
+            way = (self.start.far, self.end.far, raised, *self.start.spline, *self.end.spline)
+            self._known[key] = way, self._top(raised), self._lines(raised)
+        return self._known[key]
 
     def _machine(self, speed: float) -> Machine:
         model = self.model

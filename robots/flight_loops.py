@@ -18,7 +18,7 @@ from robots.chain import flange, moved
 from robots.law import rise_table, s_curve_table, state, when
 
 LAWS = 7  # speed, acceleration, jerk of the turn; jerk and share of the first line, of the last line
-STEPS = (0.8, 0.9, 0.95)  # factors by which the laws of a flight are varied, one round each
+STEPS = (0.85, 0.95)  # factors by which the laws of a flight are varied, one round each
 SHARES = (0.1, 0.7)  # of a line, over which the tool may speed up
 
 
@@ -74,17 +74,20 @@ def sampled(times, total, wait, tables, way):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def fastest(samples, total, wait, tables, way, machine):  # type: ignore[no-untyped-def]
-    """How many times as fast a flight may run for the limits of joints and TCP."""
+def fastest(samples, total, wait, tables, way, machine, slowest):  # type: ignore[no-untyped-def]
+    """How many times as fast a flight may run for the limits of joints and TCP; 0 where it is below `slowest`."""
     limits, arm, tcp, shake = machine
     line, out, T = np.zeros((4, 6)), np.zeros((4, 6)), np.zeros((4, 4))
     most, step = 0.0, total / (samples - 1)
+    too_much = slowest**-6 if slowest > 0.0 else np.inf
     shaken, p0, p1 = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(samples):
         at_time(i * step, total, wait, tables, way, line, out)
         for k in range(6):
             v, a, j = abs(out[1, k]) / limits[0, k], abs(out[2, k]) / limits[1, k], abs(out[3, k]) / limits[2, k]
-            most = max(most, v**6, a**3, j * j)
+            most = max(most, v * v * v * v * v * v, a * a * a, j * j)
+        if most > too_much:
+            return 0.0
         if shake < np.inf:
             flange(arm, out[0], T)
             p2 = moved(T, tcp)
@@ -132,9 +135,9 @@ def quickest(starts, top, lines, levels, off, samples, way, machine):  # type: i
     best, seconds = starts[0].copy(), np.inf
     for i in range(len(starts)):
         tables, wait, total = timing(starts[i], top, lines, levels, off)
-        took = total / fastest(samples, total, wait, tables, way, machine)
-        if took < seconds:
-            best, seconds = starts[i].copy(), took
+        scale = fastest(samples, total, wait, tables, way, machine, total / seconds)
+        if scale > 0.0 and total / scale < seconds:
+            best, seconds = starts[i].copy(), total / scale
     for step in STEPS:
         for k in range(LAWS):
             if k > 2 and lines[(k - 3) // 2, 0] == 0.0:
@@ -145,8 +148,8 @@ def quickest(starts, top, lines, levels, off, samples, way, machine):  # type: i
                 if k in (4, 6):
                     tried[k] = min(max(tried[k], SHARES[0]), SHARES[1])
                 tables, wait, total = timing(tried, top, lines, levels, off)
-                took = total / fastest(samples, total, wait, tables, way, machine)
-                if took < seconds:
-                    best, seconds = tried, took
+                scale = fastest(samples, total, wait, tables, way, machine, total / seconds)
+                if scale > 0.0 and total / scale < seconds:
+                    best, seconds = tried, total / scale
                     break
     return best, seconds

@@ -153,13 +153,13 @@ class GraspPoses:
         )
 
 
-def load_grasps(workpiece: Workpiece, gripper: Gripper) -> GraspPoses:
-    """Read a workpiece's grasps.yaml and expand what is for `gripper`.
+def load_grasps(workpiece: Workpiece, gripper: Gripper, path: Path | None = None) -> GraspPoses:
+    """Read a workpiece's grasps.yaml, or the table at `path`, and expand what is for `gripper`.
 
     Raises:
         InputError: missing file, a field that does not fit the schema, or a grasp that the gripper cannot do.
     """
-    path = workpiece.folder / "grasps.yaml"
+    path = path or workpiece.folder / "grasps.yaml"
     table = read_table(path)
     points = tuple(g if g.gripper else g.model_copy(update={"gripper": table.gripper}) for g in table.grasps)
     made_for = sorted({str(p.gripper) for p in points})

@@ -45,6 +45,8 @@ def input_hashes(scenario: Scenario, oracle: Collection[str]) -> dict[str, str]:
     if folder is not None:
         config = read_yaml(folder / "workpiece.yaml")
         files |= {name: [folder / name] for name in ("workpiece.yaml", "grasps.yaml")}
+        if scenario.grasps:
+            files["grasps.yaml"] = [Path(scenario.grasps)]
         files["mesh"] = [folder / str(config.get("mesh"))]
         files["collision_hulls"] = [folder / str(config["collision_hulls"])] if config.get("collision_hulls") else []
         if "perception" not in oracle:

@@ -154,6 +154,10 @@ class Scenario(Config):
     )
     robot: str = Field(default="lrmate200id", description="a folder of robots/")
     gripper: str = "jaw_v1"
+    grasps: str = Field(
+        default="",
+        description="file of grasp points in place of the workpiece's grasps.yaml, from this file's folder on",
+    )
     source_bin: BinConfig = BinConfig(position=(0.45, 0.0, 0.01))
     place_bin: BinConfig = BinConfig(inner=(0.40, 0.30, 0.06), position=(0.16, -0.43, 0.01))
     place: PlaceConfig = Field(default=HeapPlace(), description="kind heap, or pattern with its grid")
@@ -201,6 +205,10 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
         _apply(data, override)
     file = f"{path} with --set {' '.join(overrides)}" if overrides else str(path)
     scenario = parse(Scenario, data, file)
+    if scenario.grasps:
+        from_command = any(o.partition("=")[0] == "grasps" for o in overrides)
+        table = (Path.cwd() if from_command else path.parent) / scenario.grasps
+        scenario = scenario.model_copy(update={"grasps": str(table.resolve())})
     if scenario.workpiece not in list_workpieces():
         raise InputError(file, "workpiece", scenario.workpiece, f"one of: {', '.join(list_workpieces())}")
     return scenario

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,7 +89,7 @@ class Workcell:
     def _build(scenario: Scenario, rng: np.random.Generator, pictures: bool, oracle: frozenset[str]) -> Workcell:
         workpiece, robot = load_workpiece(scenario.workpiece), load_robot(scenario.robot)
         gripper = load_gripper(scenario.gripper)
-        grasps = load_grasps(workpiece, gripper)
+        grasps = load_grasps(workpiece, gripper, table_of(scenario))
         world = World(scenario.physics.timestep, scenario.physics.solver_iterations)
         try:
             source, place = scenario.source_bin.build(SOURCE), scenario.place_bin.build(PLACE)
@@ -161,12 +162,17 @@ def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
     """
     workpiece, gripper = load_workpiece(scenario.workpiece), load_gripper(scenario.gripper)
     check_payload(scenario, load_robot(scenario.robot), gripper, workpiece)
-    load_grasps(workpiece, gripper)
+    load_grasps(workpiece, gripper, table_of(scenario))
     check_room(scenario, workpiece)
     if "perception" not in oracle:
         from perception.weights import load_weights, weights_path
 
         load_weights(weights_path(workpiece), workpiece)
+
+
+def table_of(scenario: Scenario) -> Path | None:
+    """The file of grasp points that a scenario names, if it names one."""
+    return Path(scenario.grasps) if scenario.grasps else None
 
 
 def check_payload(scenario: Scenario, robot: RobotModel, gripper: Gripper, workpiece: Workpiece) -> None:

@@ -2,7 +2,10 @@ import numpy as np
 import pytest
 
 from cell.errors import InputError
+from cell.workpiece import load_workpiece
+from scenarios.inputs import input_hashes
 from scenarios.scenario import list_scenarios, load_scenario, scenario_hash, scenario_json, weights_hash
+from scenarios.workcell import Workcell, check_inputs
 
 
 def test_every_shipped_scenario_loads():
@@ -88,3 +91,27 @@ def test_weights_hash(tmp_path, monkeypatch):
     (tmp_path / "thing" / "ps6d.safetensors").write_bytes(b"abc")
     # SHA-256 of "abc", FIPS 180-2 appendix B.1
     assert weights_hash("thing") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+def test_a_scenario_names_its_own_grasp_points(tmp_path, monkeypatch):
+    """From the scenario's folder on in a file, from here on in --set; what the file holds enters the inputs' hash."""
+    text = (load_workpiece("bracket").folder / "grasps.yaml").read_text(encoding="utf-8")
+    table = tmp_path / "mine.yaml"
+    table.write_text(text.replace("name: plate_from_top", "name: mine"), encoding="utf-8")
+    file = tmp_path / "cell.yaml"
+    file.write_text("name: cell\nworkpiece: bracket\ngrasps: mine.yaml\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for scenario in (load_scenario(str(file)), load_scenario("bracket", ["grasps=mine.yaml"])):
+        assert scenario.grasps == str(table)
+        check_inputs(scenario, frozenset({"perception"}))
+        cell = Workcell.build(scenario.model_copy(update={"count": 1}), 0)
+        try:
+            assert cell.grasps.points[0].name == "mine"
+        finally:
+            cell.close()
+        before = input_hashes(scenario, ())
+        assert before["grasps.yaml"] != input_hashes(load_scenario("bracket"), ())["grasps.yaml"]
+        table.write_text(table.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+        assert input_hashes(scenario, ())["grasps.yaml"] != before["grasps.yaml"]
+    with pytest.raises(InputError, match=r"none\.yaml.*missing file"):
+        check_inputs(load_scenario("bracket", ["grasps=none.yaml"]), frozenset({"perception"}))

@@ -156,7 +156,7 @@ class Scenario(Config):
     gripper: str = "jaw_v1"
     grasps: str = Field(
         default="",
-        description="file of grasp points in place of the workpiece's grasps.yaml, from this file's folder on",
+        description="file of grasp points in place of the workpiece's grasps.yaml; from this file's folder",
     )
     source_bin: BinConfig = BinConfig(position=(0.45, 0.0, 0.01))
     place_bin: BinConfig = BinConfig(inner=(0.40, 0.30, 0.06), position=(0.16, -0.43, 0.01))

@@ -32,7 +32,7 @@ def test_overrides_change_the_field_and_the_hash():
 
 def test_hash_is_that_of_the_effective_scenario_without_its_seed(tmp_path):
     minimal = tmp_path / "minimal.yaml"
-    minimal.write_text("name: bracket\nworkpiece: bracket\n")
+    minimal.write_text("name: bracket\nworkpiece: bracket\ncarry: {speed_scale: 1.0, straight: 0.008}\n")
     a, b = load_scenario("bracket"), load_scenario(str(minimal))
     assert scenario_json(a) == scenario_json(b)
     assert scenario_hash(a) == scenario_hash(load_scenario("bracket", ["seed=5"]))

@@ -16,8 +16,10 @@ from scenarios.slots import Slots, slots_in
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
 MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
 MAX_FALL = np.deg2rad(60.0)  # through which a workpiece may fall when it is let go at a slant
+SAME_FACE = np.deg2rad(8.0)  # between resting faces that count as one: half a step of an infinite symmetry and a little
 UNLIKELY = 0.1  # of the likeliest resting pose's probability: on such a face it stands, and falls at a touch
 SLOTS_OFFERED = 5
+ABOVE = 0.02  # [m] of the line down to a place over the rim, and over what stands there
 
 
 @dataclass
@@ -49,9 +51,18 @@ class PlacePlan:
         self.slots = slots_in(self.bin, self.workpiece, self.count)
         self.used, self.passed = [0] * len(self.slots.centres), [0] * len(self.slots.centres)
         self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
-        stable, chance = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
-        likely = np.asarray(chance) > UNLIKELY * np.max(chance, initial=0.0)
-        self.rests = np.asarray(stable).reshape(-1, 4, 4)[likely, :3, :3]  # a round part may have none to speak of
+        self.rests = likely_rests(self.workpiece)
+
+    @property
+    def line(self) -> float:
+        """[m] of straight line down to a pose: over the rim, and over the tallest workpiece that stands there."""
+        heights = np.ptp(self.workpiece.vertices @ self.rests[:, 2].T, axis=0)
+        return max(self.bin.inner[2], float(heights.max(initial=0.0))) + ABOVE
+
+    @property
+    def rounds(self) -> int:
+        """How often other slots can be offered until every one was."""
+        return -(-len(self.slots.centres) // SLOTS_OFFERED)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
         """(n,) bool: held so (n, 4, 4), the workpiece can be put down: in a heap always."""
@@ -125,6 +136,24 @@ class PlacePlan:
     def accepts(self, off: float, turned: float) -> bool:
         """A heap has no tolerance."""
         return True
+
+
+def likely_rests(workpiece: Workpiece) -> Array:
+    """Rotations (r, 3, 3) of the CAD in which it is likely to lie on a plane, z up, every symmetric equivalent with them.
+
+    What is equal by symmetry, or to SAME_FACE, counts as one: a round workpiece lies on any of many narrow facets, none
+    of which is likely by itself.
+    """
+    stable, chance = workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.0)
+    Rs = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]
+    turns = workpiece.symmetry.rotations()
+    faces: list[tuple[Array, float]] = []
+    while len(Rs):  # likeliest first
+        same = (Rs[:, 2] @ turns @ Rs[0, 2]).max(axis=0) > np.cos(SAME_FACE)
+        faces.append((Rs[0], float(np.sum(chance[same]))))
+        Rs, chance = Rs[~same], chance[~same]
+    best = max((share for _, share in faces), default=0.0)
+    return np.array([R @ S for R, share in faces if share > UNLIKELY * best for S in turns]).reshape(-1, 3, 3)
 
 
 def place_error(T_world_part: Array, T_world_wanted: Array, workpiece: Workpiece) -> tuple[float, float]:

@@ -22,7 +22,7 @@ BESIDE = 0.003  # [m] between the middles of the two places across the closing d
 INTO = 1e-4  # [m] that the gripper may go into the workpiece, for the sampling of its surface
 STEP_DEG = 30.0
 DEPTH = 0.006  # [m] that the tips go past the middle of the grip
-DIRECTIONS, SAMPLES = 250, 6000
+DIRECTIONS, SAMPLES = 1000, 6000
 
 
 def freeform_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:

@@ -44,9 +44,7 @@ def check_grasp_points(
     return rows, len(resting)
 
 
-def tried(
-    workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint], least: float = 0.5
-) -> list[GraspPoint]:
+def tried(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint], least: float = 0.5) -> list[GraspPoint]:
     """Of proposed grasp points those that bear more than the share `least` of pose errors, most robust first."""
     kept = []
     with closing(TrialCell(workpiece, gripper)) as cell:

@@ -34,6 +34,8 @@ class PlacePlan:
         rests: (r, 3, 3) rotations of the CAD in which it is likely to lie on a plane, z up.
         offered: (k,) slot of each pose that `tool_poses` returned last.
         leaning: (k,) whether each of them lets the workpiece go as it will not lie.
+        tight: (k,) whether the jaws, opened all the way, would meet a wall there: for a wider next grasp the arm, which
+            waits at the place, could not leave it.
     """
 
     bin: Bin
@@ -46,11 +48,14 @@ class PlacePlan:
     rests: Array = field(init=False)
     offered: np.ndarray = field(init=False)
     leaning: np.ndarray = field(init=False)
+    tight: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self.slots = slots_in(self.bin, self.workpiece, self.count)
         self.used, self.passed = [0] * len(self.slots.centres), [0] * len(self.slots.centres)
         self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
+        self.tight = np.zeros(0, dtype=bool)
+        self._widest = OpenGripper.of(self.gripper.boxes(self.gripper.max_opening))
         self.rests = likely_rests(self.workpiece)
 
     @property
@@ -94,7 +99,9 @@ class PlacePlan:
                     slots.append(int(slot))
                     leaning.append(kind > 0)
         self.offered, self.leaning = np.asarray(slots), np.asarray(leaning)
-        return np.asarray(poses)
+        Ts_world_tool = np.asarray(poses)
+        self.tight = self._widest.hits_bin(Ts_world_tool, self.bin)
+        return Ts_world_tool
 
     def _tool_rotations(self, T_part_tool: Array) -> list[Array]:
         """R_bin_tool (3, 3) at yaw 0: the workpiece as flat as the tool may lean, then the tool straight down.
@@ -116,9 +123,9 @@ class PlacePlan:
         return [upright @ best, down]
 
     def ranks(self) -> tuple[int, ...]:
-        """Of each pose in the last `tool_poses`: flat ones before others, emptier slots before fuller ones."""
-        used = np.array(self.used)[self.offered]
-        return tuple(int(r) for r in self.leaning * (max(self.used) + 1) + used)
+        """Of each pose in the last `tool_poses`: with room first, then flat ones, then emptier slots."""
+        used, more = np.array(self.used)[self.offered], max(self.used) + 1
+        return tuple(int(r) for r in 2 * more * self.tight + more * self.leaning + used)
 
     def fill(self, pose: int) -> None:
         """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""
@@ -139,7 +146,7 @@ class PlacePlan:
 
 
 def likely_rests(workpiece: Workpiece) -> Array:
-    """Rotations (r, 3, 3) of the CAD in which it is likely to lie on a plane, z up, every symmetric equivalent with them.
+    """Rotations (r, 3, 3) of the CAD in which it is likely to lie on a plane, z up; all symmetric equivalents of each.
 
     What is equal by symmetry, or to SAME_FACE, counts as one: a round workpiece lies on any of many narrow facets, none
     of which is likely by itself.

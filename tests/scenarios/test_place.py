@@ -168,3 +168,18 @@ def test_the_line_down_clears_the_rim_and_what_stands_there(bracket: Workpiece) 
     assert 0.014 + ABOVE <= flat.line <= 0.056 + ABOVE + 1e-3
     shallow = replace(BIN, inner=(0.68, 0.36, 0.03))
     assert PlacePlan(shallow, load_workpiece("candlestick"), JAW).line == pytest.approx(0.141 + ABOVE, abs=1e-3)
+
+
+def test_poses_with_room_for_the_jaws_are_taken_first(bracket: Workpiece, holds: Array) -> None:
+    """Whatever their slot and lean; beside a wall some have none."""
+    plan = PlacePlan(replace(BIN, inner=(0.26, 0.13, 0.06)), bracket, JAW)
+    seen = set()
+    for T_part_tool in holds[:10]:
+        Ts = plan.tool_poses(T_part_tool)
+        order = np.argsort(plan.ranks(), kind="stable")
+        room = np.array([plan.room(T, JAW.max_opening) for T in Ts[order]])
+        assert (np.diff(room.astype(int)) <= 0).all()
+        flat = ~plan.leaning[order]
+        assert (np.diff(flat[room].astype(int)) <= 0).all()
+        seen |= set(room.tolist())
+    assert seen == {True, False}

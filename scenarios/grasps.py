@@ -41,6 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sampling.add_argument("workpiece", metavar="WORKPIECE")
     sampling.add_argument("--count", type=int, default=12, metavar="N", help="proposals tried (default 12)")
     sampling.add_argument("--seed", type=int, default=0, metavar="S", help="of the rays through the CAD")
+    sampling.add_argument(
+        "--least", type=float, default=0.5, metavar="SHARE", help="of pose errors that a kept grasp bears (default 0.5)"
+    )
     sampling.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
     sampling.set_defaults(run=_sample)
     for command in (importing, exporting, checking, sampling):
@@ -103,12 +106,14 @@ def _sample(args: argparse.Namespace) -> int:
     for name, value, low in (("--count", args.count, 1), ("--seed", args.seed, 0)):
         if value < low:
             raise InputError("command line", name, value, f"an integer from {low}")
-    points = tried(workpiece, gripper, propose(workpiece, gripper, args.count, np.random.default_rng(args.seed)))
+    if not 0 <= args.least < 1:
+        raise InputError("command line", "--least", args.least, "a number from 0 to less than 1")
+    proposals = propose(workpiece, gripper, args.count, np.random.default_rng(args.seed))
+    points = tried(workpiece, gripper, proposals, args.least)
     if not points:
         raise InputError("command line", "workpiece", workpiece.name, f"one that {gripper.name} can hold")
-    comment = (
-        f"Proposed by `pickproof grasps sample {workpiece.name} --gripper {gripper.name}`; schema: docs/grasping.md."
-    )
+    how = f"{workpiece.name} --gripper {gripper.name} --count {args.count} --seed {args.seed} --least {args.least:g}"
+    comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/grasping.md."
     return _write(table_text(points, gripper.name, comment), args.out)
 
 

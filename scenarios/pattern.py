@@ -11,7 +11,7 @@ from cell.frames import Array, apply, make_transform
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper
-from scenarios.place import MAX_LEAN, SLOTS_OFFERED
+from scenarios.place import ABOVE, MAX_LEAN, SLOTS_OFFERED
 from scenarios.place_config import PatternPlace
 
 HOVER = 0.001  # [m] over the wanted pose at which a workpiece is let go
@@ -44,6 +44,17 @@ class PatternPlan:
         self.offered, self.lean = np.zeros(0, dtype=np.intp), np.zeros(0)
         self._equivalents = make_transform(self.workpiece.symmetry.rotations())
         self._surface = self.workpiece.sample_surface(SAMPLES, seed=6)[0]
+
+    @property
+    def line(self) -> float:
+        """[m] of straight line down to a pose: over the rim, and over the workpieces that were placed."""
+        heights = apply(self.pattern.Ts_bin_part, self.workpiece.vertices)[..., 2]
+        return max(self.bin.inner[2], float(heights.max())) + ABOVE
+
+    @property
+    def rounds(self) -> int:
+        """How often other cells can be offered until every free one was."""
+        return -(-self.used.count(0) // SLOTS_OFFERED)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
         """(n,) bool: held so (n, 4, 4), the workpiece can be put down in a cell of an empty bin.

@@ -40,9 +40,10 @@ PICTURED = 2
 """Attempts of an episode that are pictured at every stage; failures are pictured anyway, after the fact."""
 PLANS_TRIED = 60
 """Candidates for which a whole motion is planned before giving up."""
+PLANS_ELSEWHERE = 8
+"""Of those that could be gripped, but not brought to any place offered: planned again to each further set of places."""
 PLANS_A_ROUND = 4
 """Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
-PLACE_LINE = 0.08  # [m] straight line down to a place pose
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
 
@@ -137,9 +138,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
     staged = cell.pictures and attempt < PICTURED
     if decision.candidate is None or decision.plan is None:
         after = cell.observe()
-        if any(
-            isinstance(failure, PlanFailure) and failure.stage >= Stage.PLACE for failure in decision.refused.values()
-        ):
+        if any(_stopped_at_place(failure) for failure in decision.refused.values()):
             memory.place.pass_over()
         record |= {"moved": False, "success": False, "reason": decision.reason}
     else:
@@ -249,10 +248,35 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
     if not selection.candidates:
         return Decision(None, None, Reason.ALL_GRASPS_BLOCKED, {})
     planner = _FreePlanner(cell, frame, memory) if "motion" in cell.oracle else _ArmPlanner(cell, frame, memory, seed)
-    refused: dict[int, PlanFailure | RuledOut] = {}
+    order = in_rounds(selection.candidates)
+    decision = _first_plan(cell, planner, selection, order, memory, {})
+    for _ in range(memory.place.rounds - 1):
+        again = [i for i in order if _stopped_at_place(decision.refused.get(i))][:PLANS_ELSEWHERE]
+        if decision.plan is not None or not again:
+            break
+        memory.place.pass_over()
+        decision = _first_plan(cell, planner, selection, again, memory, decision.refused)
+    return decision
+
+
+def _stopped_at_place(refused: PlanFailure | RuledOut | None) -> bool:
+    """The grasp can be reached; what is refused is every way to the places that were offered."""
+    return isinstance(refused, PlanFailure) and refused.stage >= Stage.PLACE
+
+
+def _first_plan(
+    cell: Workcell,
+    planner: _ArmPlanner | _FreePlanner,
+    selection: Selection,
+    order: list[int],
+    memory: Memory,
+    refused: dict[int, PlanFailure | RuledOut],
+) -> Decision:
+    """The first candidate of those in `order` with a plan to the places offered now; `refused` is added to."""
     reason = Reason.NO_PLACE
     rehearsed: list[tuple[int, PickPlan]] = []
-    for i in in_rounds(selection.candidates):
+    first = planner.planned
+    for i in order:
         candidate = selection.candidates[i]
         if not memory.place.placeable(candidate.T_part_tool[None])[0]:
             refused[i] = RuledOut(Verdict.NO_PLACE, "held so it cannot be put down as wanted")
@@ -261,13 +285,14 @@ def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memo
         if isinstance(plan, PickPlan):
             fault = "" if cell.rehearsal is None else cell.rehearsal.refuses(candidate, cell.observe())
             if not fault:
+                refused.pop(i, None)
                 return Decision(candidate, plan, "", refused)
             rehearsed.append((i, plan))
             refused[i] = RuledOut(Verdict.REHEARSAL, fault)
         else:
             refused[i] = plan
             reason = Reason.NO_PATH if Reason.NO_PATH in (reason, plan.reason) else Reason.UNREACHABLE
-        if planner.planned >= PLANS_TRIED or len(rehearsed) >= REHEARSALS:
+        if planner.planned - first >= PLANS_TRIED or len(rehearsed) >= REHEARSALS:
             break
     if rehearsed:  # the grasp oracle chooses among grasps; it does not decide whether to pick
         best, plan = rehearsed[0]
@@ -345,11 +370,11 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         held_tool=tuple(in_frame(boxes, T_tool_part)),
         approach=candidate.point.approach_distance,
         retract=candidate.point.retract_distance,
-        place_height=PLACE_LINE,
+        place_height=memory.place.line,
         carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
         seed=seed,
         dt=cell.world.dt,
-        depart=0.0 if memory.waits_at is None else PLACE_LINE,
+        depart=0.0 if memory.waits_at is None else memory.place.line,
         straight=cell.scenario.carry.straight,
         straight_place=cell.scenario.straight_place,
         place_rank=memory.place.ranks(),

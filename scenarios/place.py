@@ -16,8 +16,10 @@ from scenarios.slots import Slots, slots_in
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
 MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
 MAX_FALL = np.deg2rad(60.0)  # through which a workpiece may fall when it is let go at a slant
+SAME_FACE = np.deg2rad(8.0)  # between resting faces that count as one: half a step of an infinite symmetry and a little
 UNLIKELY = 0.1  # of the likeliest resting pose's probability: on such a face it stands, and falls at a touch
 SLOTS_OFFERED = 5
+ABOVE = 0.02  # [m] of the line down to a place over the rim, and over what stands there
 
 
 @dataclass
@@ -32,6 +34,8 @@ class PlacePlan:
         rests: (r, 3, 3) rotations of the CAD in which it is likely to lie on a plane, z up.
         offered: (k,) slot of each pose that `tool_poses` returned last.
         leaning: (k,) whether each of them lets the workpiece go as it will not lie.
+        tight: (k,) whether the jaws, opened all the way, would meet a wall there: for a wider next grasp the arm, which
+            waits at the place, could not leave it.
     """
 
     bin: Bin
@@ -44,14 +48,26 @@ class PlacePlan:
     rests: Array = field(init=False)
     offered: np.ndarray = field(init=False)
     leaning: np.ndarray = field(init=False)
+    tight: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self.slots = slots_in(self.bin, self.workpiece, self.count)
         self.used, self.passed = [0] * len(self.slots.centres), [0] * len(self.slots.centres)
         self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
-        stable, chance = self.workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.02)
-        likely = np.asarray(chance) > UNLIKELY * np.max(chance, initial=0.0)
-        self.rests = np.asarray(stable).reshape(-1, 4, 4)[likely, :3, :3]  # a round part may have none to speak of
+        self.tight = np.zeros(0, dtype=bool)
+        self._widest = OpenGripper.of(self.gripper.boxes(self.gripper.max_opening))
+        self.rests = likely_rests(self.workpiece)
+
+    @property
+    def line(self) -> float:
+        """[m] of straight line down to a pose: over the rim, and over the tallest workpiece that stands there."""
+        heights = np.ptp(self.workpiece.vertices @ self.rests[:, 2].T, axis=0)
+        return max(self.bin.inner[2], float(heights.max(initial=0.0))) + ABOVE
+
+    @property
+    def rounds(self) -> int:
+        """How often other slots can be offered until every one was."""
+        return -(-len(self.slots.centres) // SLOTS_OFFERED)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
         """(n,) bool: held so (n, 4, 4), the workpiece can be put down: in a heap always."""
@@ -83,7 +99,9 @@ class PlacePlan:
                     slots.append(int(slot))
                     leaning.append(kind > 0)
         self.offered, self.leaning = np.asarray(slots), np.asarray(leaning)
-        return np.asarray(poses)
+        Ts_world_tool = np.asarray(poses)
+        self.tight = self._widest.hits_bin(Ts_world_tool, self.bin)
+        return Ts_world_tool
 
     def _tool_rotations(self, T_part_tool: Array) -> list[Array]:
         """R_bin_tool (3, 3) at yaw 0: the workpiece as flat as the tool may lean, then the tool straight down.
@@ -105,9 +123,9 @@ class PlacePlan:
         return [upright @ best, down]
 
     def ranks(self) -> tuple[int, ...]:
-        """Of each pose in the last `tool_poses`: flat ones before others, emptier slots before fuller ones."""
-        used = np.array(self.used)[self.offered]
-        return tuple(int(r) for r in self.leaning * (max(self.used) + 1) + used)
+        """Of each pose in the last `tool_poses`: with room first, then flat ones, then emptier slots."""
+        used, more = np.array(self.used)[self.offered], max(self.used) + 1
+        return tuple(int(r) for r in 2 * more * self.tight + more * self.leaning + used)
 
     def fill(self, pose: int) -> None:
         """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""
@@ -125,6 +143,24 @@ class PlacePlan:
     def accepts(self, off: float, turned: float) -> bool:
         """A heap has no tolerance."""
         return True
+
+
+def likely_rests(workpiece: Workpiece) -> Array:
+    """Rotations (r, 3, 3) of the CAD in which it is likely to lie on a plane, z up; all symmetric equivalents of each.
+
+    What is equal by symmetry, or to SAME_FACE, counts as one: a round workpiece lies on any of many narrow facets, none
+    of which is likely by itself.
+    """
+    stable, chance = workpiece.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.0)
+    Rs = np.asarray(stable).reshape(-1, 4, 4)[:, :3, :3]
+    turns = workpiece.symmetry.rotations()
+    faces: list[tuple[Array, float]] = []
+    while len(Rs):  # likeliest first
+        same = (Rs[:, 2] @ turns @ Rs[0, 2]).max(axis=0) > np.cos(SAME_FACE)
+        faces.append((Rs[0], float(np.sum(chance[same]))))
+        Rs, chance = Rs[~same], chance[~same]
+    best = max((share for _, share in faces), default=0.0)
+    return np.array([R @ S for R, share in faces if share > UNLIKELY * best for S in turns]).reshape(-1, 3, 3)
 
 
 def place_error(T_world_part: Array, T_world_wanted: Array, workpiece: Workpiece) -> tuple[float, float]:

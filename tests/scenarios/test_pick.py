@@ -161,6 +161,23 @@ def test_a_right_pose_is_picked_from_a_turned_bin(cell: Workcell, memory: Memory
     assert sum(memory.place.used) == 1 and not memory.failed
 
 
+def test_places_out_of_reach_make_room_for_others_within_one_decision() -> None:
+    """The first five slots lie 0.95 m and more from the arm's axis; there is room in the others."""
+    far = "place_bin={inner: [0.9, 0.13, 0.06], position: [0.60, -0.43, 0.01], yaw: 3.14159}"
+    cell = Workcell.build(load_scenario("bracket", ["count=1", far]), seed=3)
+    try:
+        memory, rng = Memory(cell.new_place()), np.random.default_rng(0)
+        frame, ids = cell.capture(rng)
+        selection = choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0)
+        decision = decide(cell, frame, selection, memory, 0)
+        assert decision.plan is not None and memory.place.passed[:5] == [1] * 5
+        assert memory.place.offered[decision.plan.place] >= 5
+        assert any(selection.candidates[i] is decision.candidate for i in range(len(selection.candidates)))
+        assert all(selection.candidates[i] is not decision.candidate for i in decision.refused)
+    finally:
+        cell.close()
+
+
 def test_released_fingers_stay_clear_of_the_place_bins_walls() -> None:
     """Opened all the way, a finger met the wall, and the workpiece stayed in the jaws or was flung out."""
     cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)

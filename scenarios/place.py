@@ -87,19 +87,16 @@ class PlacePlan:
         for kind, R in enumerate(self._tool_rotations(T_part_tool)):
             hang = make_transform(R) @ T_tool_part
             hanging = apply(hang, self.workpiece.vertices)
-            yaws = self.slots.yaws(hanging[:, :2])
+            turns = about_axis((0, 0, 1), self.slots.yaws(hanging[:, :2]))[:, :3, :3]
             centre = hang[:3, 3] * (1.0, 1.0, 0.0)
-            for slot in order:
-                x, y = self.slots.centres[slot]
-                at = np.array([x, y, self.used[slot] * self.slots.layer + DROP - hanging[:, 2].min()])
-                for yaw in yaws:
-                    turn = about_axis((0, 0, 1), np.array(yaw))
-                    T_bin_tool = make_transform(turn[:3, :3] @ R, at - turn[:3, :3] @ centre)
-                    poses.append(self.bin.T_world_bin @ T_bin_tool)
-                    slots.append(int(slot))
-                    leaning.append(kind > 0)
-        self.offered, self.leaning = np.asarray(slots), np.asarray(leaning)
-        Ts_world_tool = np.asarray(poses)
+            heights = np.array(self.used)[order] * self.slots.layer + DROP - hanging[:, 2].min()
+            at = np.concatenate([self.slots.centres[order], heights[:, None]], axis=1)
+            Ts_bin_tool = make_transform(turns @ R, at[:, None] - turns @ centre)
+            poses.append((self.bin.T_world_bin @ Ts_bin_tool).reshape(-1, 4, 4))
+            slots.append(np.repeat(order, len(turns)))
+            leaning.append(np.full(len(poses[-1]), kind > 0))
+        self.offered, self.leaning = np.concatenate(slots), np.concatenate(leaning)
+        Ts_world_tool = np.concatenate(poses)
         self.tight = self._widest.hits_bin(Ts_world_tool, self.bin)
         return Ts_world_tool
 

@@ -72,7 +72,7 @@ def holding(
 
 
 def test_a_swinging_bolt_weighs_like_one(new_world: Callable[..., World]) -> None:
-    """Held lightly at the top of its ring and let go from the side; a moment's reading is far off, as a moment later."""
+    """Held lightly at the top of its ring and let go from the side; a moment's reading is far off."""
     world, swing = new_world(), turned(60.0, at=(0.0, 0.0, -0.004))
     arm = holding(world, [swing @ make_transform(RING_UP, (0.0, 0.0, WIRE_TOP - 0.004))], width=0.022, force=30.0)
     moments = [weigh(world, arm, 0.05) for _ in range(8)]

@@ -14,7 +14,7 @@ from robots.dynamics import bearable
 from robots.failure import Refusal
 from robots.flight import Between, End, Flight, Form
 from robots.inverse import arm_of
-from robots.stop import Line, Pace, Stop
+from robots.stop import Line, Pace, Stop, first_beyond
 from robots.timing import JointPath, Motion
 from robots.trajectory import Trajectory
 
@@ -70,7 +70,7 @@ def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, fo
             heappush(waiting, found)
 
     def hit_by(tried: _Candidate) -> float | None:
-        return _hit(scene, Motion((tried.flight,), end.q), start, end)
+        return _hit(scene, Motion((tried.flight,), end.q), start, end, pace.T_flange_tool)
 
     add((0, 0, 0))
     while waiting and len(seen) < forms:
@@ -100,7 +100,7 @@ def _end(stop: Stop) -> End | None:
     return End(stop.q, line.path, line.length, min(line.length, stop.straight or line.length))
 
 
-def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop) -> float | None:
+def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop, T_flange_tool: Array) -> float | None:
     """Where in [0, 1] of its time a motion touches something or leaves the joint limits; None where it is free.
 
     Each stretch is checked in its mode; a glance at a few configurations comes before the whole.
@@ -109,8 +109,8 @@ def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop) -> float
     inside = scene.robot.within_limits(q)
     if not inside.all():
         return float(np.argmin(inside)) / (len(q) - 1)
-    first = _on_line(scene, q, start)
-    last = len(q) - 1 - _on_line(scene, q[::-1], end)
+    first = _on_line(scene, q, start, T_flange_tool)
+    last = len(q) - 1 - _on_line(scene, q[::-1], end, T_flange_tool)
     if first >= last:
         first, last = 0, len(q) - 1
     for k in np.linspace(first, last, GLANCES).astype(int)[1:-1]:
@@ -129,10 +129,15 @@ def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop) -> float
     return None
 
 
-def _on_line(scene: CollisionScene, q: Array, stop: Stop) -> int:
-    """Index of the last of q (n, 6) up to which hand and part stay in the corridor of the stop's whole line."""
+def _on_line(scene: CollisionScene, q: Array, stop: Stop, T_flange_tool: Array) -> int:
+    """Index of the last of q (n, 6) up to which hand and part stay in the corridor of the stop's whole line.
+
+    Of a departure, up to which the TCP is not yet as far away as the line is long.
+    """
     if stop.line is None or stop.mode == "transit":
         return 0
+    if stop.mode == "depart":
+        return first_beyond(scene.robot, q, T_flange_tool, stop.line.length)
     length = stop.line.length
     way = stop.line.way / length
     arm = arm_of(scene.robot)

@@ -188,6 +188,7 @@ def _carry_out(cell: Workcell, request: PickRequest, decision: Decision, T_world
     cell.world.run_until_rest(2.0)
     memory.place.fill(plan.place)
     memory.waits_at = plan.carry.q[-1]
+    memory.opened = release_opening(cell, cell.new_place(), candidate.opening, request.Ts_base_tool_place[plan.place])
 
 
 def _ik_time(robot: RobotModel, request: PickRequest) -> float:

@@ -87,10 +87,12 @@ class Memory:
 
     Attributes:
         waits_at: (6,) joint vector over the place bin where the arm stands with open jaws; None at home.
+        opened: of the jaws there, in [m].
     """
 
     place: Place
     waits_at: Array | None = None
+    opened: float = 0.0
     failed: list[tuple[int, Array]] = field(default_factory=list)
     _placeable: np.ndarray | None = None
 
@@ -158,6 +160,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             memory.waits_at = None
         elif evidence.closed and not evidence.put_back and not evidence.log.stopped:
             memory.waits_at = decision.plan.carry.q[-1]
+        memory.opened = cell.arm.opening
         limits, after = cell.scenario.limits, evidence.after
         if set(evidence.carried) & set(after.parts_in(PLACE)):
             off, turned = how_placed(cell, decision.candidate, decision.plan, memory.place, evidence)
@@ -315,7 +318,9 @@ class _ArmPlanner:
         cell, opening = self._cell, candidate.opening
         scene = self._scenes.get(opening)
         if scene is None:
-            scene = CollisionScene(cell.robot, cell.gripper.flange_boxes(opening), cell.obstacles, self._scan.field)
+            waits = None if self._memory.waits_at is None else cell.gripper.flange_boxes(self._memory.opened)
+            boxes = cell.gripper.flange_boxes(opening)
+            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits)
             self._scenes[opening] = scene
         stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
         if stop is not None:

@@ -60,10 +60,12 @@ class CollisionScene:
         obstacles: boxes in the world; parts of the cell that never move.
         heightfield: the scanned pile above the bin, or None.
         start_boxes: boxes of the gripper as it is until it has left where it waits; None for `tool_boxes`.
+        placed: ground of what was placed elsewhere, for the hand that holds a part; `placed_before`: for the empty one,
+            without what it has just let go.
 
     Mode `transit` checks everything, and so does mode `depart`, with the gripper as it waits. Mode `contact`, for the
-    last line to a grasp and the first line after it, ignores fingers and held part against the height field, and shrinks
-    the held part by its pose tolerance; walls and table count.
+    last line to a grasp and the first line after it, ignores fingers and held part against the height field, and
+    shrinks the held part by its pose tolerance; walls and table count.
     """
 
     def __init__(
@@ -73,10 +75,13 @@ class CollisionScene:
         obstacles: Sequence[Box],
         heightfield: HeightField | None = None,
         start_boxes: Sequence[Box] | None = None,
+        placed: HeightField | None = None,
+        placed_before: HeightField | None = None,
     ) -> None:
         self.robot = robot
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
         self.start_boxes = self.tool_boxes if start_boxes is None else tuple(start_boxes)
+        self._placed, self._placed_before = (None if f is None else _ground(f) for f in (placed, placed_before))
         self._ground = self._ground_held = None if heightfield is None else _ground(heightfield)
         self._held: tuple[Box, ...] = ()
         self._tolerance = 0.0
@@ -224,6 +229,8 @@ class _Checker:
         self._ground = scene._ground_held if held else scene._ground
         ground = [] if self._ground is None else [self._add_shape("pile", 0, self._ground[1], self._ground[0])]
         self._pile = ground
+        placed = scene._placed if held else scene._placed_before
+        fixed += [] if placed is None else [self._add_shape("placed", 0, placed[1], placed[0])]
         fingers = {t for t in tool if self.names[t].startswith("finger")}
 
         arm = [a for a, i in links if i > 0]

@@ -41,7 +41,7 @@ def run_episode(
     if keep is not None and keep.which != "none":
         cell.tape = Tape(cell, keep)
     try:
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)
     finally:
         cell.close()

@@ -52,6 +52,11 @@ class PatternPlan:
         return max(self.bin.inner[2], float(heights.max())) + ABOVE
 
     @property
+    def fall(self) -> float:
+        """[m] that a workpiece falls when it is let go."""
+        return HOVER
+
+    @property
     def rounds(self) -> int:
         """How often other cells can be offered until every free one was."""
         return -(-self.used.count(0) // SLOTS_OFFERED)

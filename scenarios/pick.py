@@ -29,6 +29,7 @@ from scenarios.move import move
 from scenarios.outcome import Evidence, judge, nearest_true
 from scenarios.pictures import depth_picture, snap
 from scenarios.place import place_error
+from scenarios.placed import Placed
 from scenarios.placing import Place
 from scenarios.records import AttemptRecord, Reason, nested
 from scenarios.rehearsal import REHEARSALS
@@ -88,13 +89,20 @@ class Memory:
     Attributes:
         waits_at: (6,) joint vector over the place bin where the arm stands with open jaws; None at home.
         opened: of the jaws there, in [m].
+        placed: what was let go over the place bin.
     """
 
     place: Place
+    placed: Placed
     waits_at: Array | None = None
     opened: float = 0.0
     failed: list[tuple[int, Array]] = field(default_factory=list)
     _placeable: np.ndarray | None = None
+
+    @staticmethod
+    def of(cell: Workcell) -> Memory:
+        """Before the first pick."""
+        return Memory(cell.new_place(), Placed(cell.place, cell.workpiece))
 
     def placeable(self, grasps: GraspPoses) -> np.ndarray:
         """(n,) bool: the grasp poses of the cell from which a workpiece can be put down as wanted; worked out once."""
@@ -168,6 +176,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             evidence = replace(evidence, in_tolerance=memory.place.accepts(off, turned))
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
         if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
+            memory.placed.add(let_go_at(decision.candidate, decision.plan, memory.place), memory.place.fall)
             memory.place.fill(decision.plan.place)
         else:
             memory.failed.append((attempt, T_world_part[:3, 3]))
@@ -208,8 +217,13 @@ def how_placed(
     cell: Workcell, candidate: GraspCandidate, plan: PickPlan, place: Place, evidence: Evidence
 ) -> tuple[float, float]:
     """How far what was carried rests from where it was to be let go, in [m] and [rad]."""
-    wanted = place.tool_poses(candidate.T_part_tool, candidate.opening)[plan.place] @ invert(candidate.T_part_tool)
+    wanted = let_go_at(candidate, plan, place)
     return place_error(evidence.after.Ts_world_part[evidence.carried[0]], wanted, cell.workpiece)
+
+
+def let_go_at(candidate: GraspCandidate, plan: PickPlan, place: Place) -> Array:
+    """T_world_part (4, 4) of the workpiece where a plan lets it go, the place as it was when it was planned."""
+    return place.tool_poses(candidate.T_part_tool, candidate.opening)[plan.place] @ invert(candidate.T_part_tool)
 
 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
@@ -310,6 +324,7 @@ class _ArmPlanner:
     def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory, seed: int) -> None:
         self._cell, self._memory, self._seed = cell, memory, seed
         self._scan = Scan.of(cell, frame)
+        self._placed = memory.placed.heights(), memory.placed.heights(last=False)
         self._scenes: dict[float, CollisionScene] = {}
         self._piles: dict[int, HeightField] = {}
         self.planned = 0
@@ -320,7 +335,7 @@ class _ArmPlanner:
         if scene is None:
             waits = None if self._memory.waits_at is None else cell.gripper.flange_boxes(self._memory.opened)
             boxes = cell.gripper.flange_boxes(opening)
-            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits)
+            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed)
             self._scenes[opening] = scene
         stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
         if stop is not None:

@@ -65,6 +65,11 @@ class PlacePlan:
         return max(self.bin.inner[2], float(heights.max(initial=0.0))) + ABOVE
 
     @property
+    def fall(self) -> float:
+        """[m] that a workpiece falls when it is let go."""
+        return DROP
+
+    @property
     def rounds(self) -> int:
         """How often other slots can be offered until every one was."""
         return -(-len(self.slots.centres) // SLOTS_OFFERED)

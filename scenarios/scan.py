@@ -103,7 +103,7 @@ class Scan:
         nx, ny = (2 * half / GRID).astype(int) + 1
         floor = float(T_world_bin[2, 3] - GRID)
         heights = np.full((ny, nx), floor)
-        _raise(heights, points, low)
+        raise_to(heights, points, low, GRID)
         return Scan(points, floor, HeightField(heights, float(low[0]), float(low[1]), GRID))
 
     def without(self, T_world_part: Array, workpiece: Workpiece) -> HeightField:
@@ -113,7 +113,7 @@ class Scan:
         """
         field, low = self.field, np.array([self.field.x0, self.field.y0])
         rest = np.full_like(field.heights, self.floor)
-        _raise(rest, without_workpiece(self.points, T_world_part, workpiece), low)
+        raise_to(rest, without_workpiece(self.points, T_world_part, workpiece), low, GRID)
         surface = apply(T_world_part, workpiece.sample_surface(UNDERSIDE_SAMPLES, seed=5)[0])
         under = np.full_like(field.heights, np.inf)
         _lower(under, surface, low)
@@ -122,12 +122,12 @@ class Scan:
 
 
 @numba.njit(cache=True)
-def _raise(heights, points, low):  # type: ignore[no-untyped-def]
-    """Raise cells (ny, nx) of a grid that begins at `low` (2,) to the points (n, 3) in them."""
+def raise_to(heights, points, low, step):  # type: ignore[no-untyped-def]
+    """Raise cells (ny, nx) of a grid of `step` [m] that begins at `low` (2,) to the points (n, 3) in them."""
     ny, nx = heights.shape
     for p in points:
-        column = min(max(int(np.rint((p[0] - low[0]) / GRID)), 0), nx - 1)
-        row = min(max(int(np.rint((p[1] - low[1]) / GRID)), 0), ny - 1)
+        column = min(max(int(np.rint((p[0] - low[0]) / step)), 0), nx - 1)
+        row = min(max(int(np.rint((p[1] - low[1]) / step)), 0), ny - 1)
         heights[row, column] = max(heights[row, column], p[2])
 
 

@@ -33,7 +33,7 @@ def cell() -> Iterator[Workcell]:
 def best(cell: Workcell) -> GraspCandidate:
     rng = np.random.default_rng(0)
     frame, ids = cell.capture(rng)
-    memory = Memory(cell.new_place())
+    memory = Memory.of(cell)
     return choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0).candidates[0]
 
 
@@ -80,7 +80,7 @@ def test_oracles_are_used_where_named_only() -> None:
     try:
         assert cell.rehearsal is None and cell.oracle == frozenset()
         np.testing.assert_array_equal(cell.home, cell.robot.home)
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         assert attempt_pick(cell, oracle_perception, memory, 0, 0).waypoints
     finally:
         cell.close()

@@ -32,7 +32,7 @@ def cell() -> Iterator[Workcell]:
 
 @pytest.fixture
 def memory(cell: Workcell) -> Memory:
-    return Memory(cell.new_place())
+    return Memory.of(cell)
 
 
 def always(Ts_world_part: Array) -> Perceive:
@@ -166,7 +166,7 @@ def test_places_out_of_reach_make_room_for_others_within_one_decision() -> None:
     far = "place_bin={inner: [0.9, 0.13, 0.06], position: [0.60, -0.43, 0.01], yaw: 3.14159}"
     cell = Workcell.build(load_scenario("bracket", ["count=1", far]), seed=3)
     try:
-        memory, rng = Memory(cell.new_place()), np.random.default_rng(0)
+        memory, rng = Memory.of(cell), np.random.default_rng(0)
         frame, ids = cell.capture(rng)
         selection = choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0)
         decision = decide(cell, frame, selection, memory, 0)
@@ -182,7 +182,7 @@ def test_released_fingers_stay_clear_of_the_place_bins_walls() -> None:
     """Opened all the way, a finger met the wall, and the workpiece stayed in the jaws or was flung out."""
     cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)
     try:
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         beside_wall, in_the_middle = cell.place.position[0] - cell.place.inner[0] / 2 + 0.016, cell.place.position[0]
         for x, least, most in ((beside_wall, 0.014, 0.022), (in_the_middle, 0.038, 0.038)):
             T = make_transform(np.diag([1.0, -1.0, -1.0]), (x, cell.place.position[1], 0.03))
@@ -197,7 +197,7 @@ def test_no_part_stays_glued_to_a_finger() -> None:
     place = "place_bin={inner: [0.26, 0.20, 0.06], position: [0.22, -0.40, 0.01]}"
     cell = Workcell.build(load_scenario("bracket", [place]), seed=4)
     try:
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         reasons = [attempt_pick(cell, oracle_perception, memory, 4, attempt).reason for attempt in range(4)]
     finally:
         cell.close()

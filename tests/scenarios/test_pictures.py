@@ -42,7 +42,7 @@ def test_the_depth_picture_shows_poses_and_the_chosen_grasp(cell: Workcell) -> N
     rng = np.random.default_rng(0)
     frame, ids = cell.capture(rng)
     estimates = oracle_perception(cell, frame, ids, rng)
-    selection = choose(cell, frame, estimates, Memory(cell.new_place()), 0)
+    selection = choose(cell, frame, estimates, Memory.of(cell), 0)
     chosen = selection.candidates[0]
     plain = decoded(depth_picture(cell, frame, NOTHING, None))
     without, drawn = (decoded(depth_picture(cell, frame, estimates, c)) for c in (None, chosen))

@@ -40,7 +40,7 @@ def test_the_wrist_feels_the_weight_of_what_is_held(heavier: float) -> None:
 def attempt_with(heavier: float) -> tuple[Workcell, Memory, str]:
     """One attempt on one bracket that in truth is `heavier` than the CAD says: as if another hung on it."""
     cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)
-    memory = Memory(cell.new_place())
+    memory = Memory.of(cell)
     cell.world.client.changeDynamics(cell.world.parts[0], -1, mass=heavier * cell.workpiece.mass)
     record = attempt_pick(cell, oracle_perception, memory, seed=3, attempt=0)
     return cell, memory, str(record.reason)
@@ -74,7 +74,7 @@ def test_the_nearer_of_equal_grasps_is_wanted() -> None:
     try:
         rng = np.random.default_rng(0)
         frame, ids = cell.capture(rng)
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         selection = choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0)
         weights = GraspingConfig(
             **{f"weight_{name}": 0.0 for name in selection.candidates[0].terms} | {"weight_motion": 1}

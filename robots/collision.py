@@ -23,7 +23,7 @@ from robots.failure import Contact
 from robots.inverse import arm_of
 from robots.model import RobotModel
 
-Mode = Literal["transit", "contact", "depart"]
+Mode = Literal["transit", "contact", "depart", "leave"]
 Ground = tuple[coal.CollisionGeometry, pin.SE3]
 
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
@@ -60,12 +60,12 @@ class CollisionScene:
         obstacles: boxes in the world; parts of the cell that never move.
         heightfield: the scanned pile above the bin, or None.
         start_boxes: boxes of the gripper as it is until it has left where it waits; None for `tool_boxes`.
-        placed: ground of what was placed elsewhere, for the hand that holds a part; `placed_before`: for the empty one,
-            without what it has just let go.
+        placed: ground of what was placed elsewhere; `placed_before`: without what was let go last.
 
-    Mode `transit` checks everything, and so does mode `depart`, with the gripper as it waits. Mode `contact`, for the
-    last line to a grasp and the first line after it, ignores fingers and held part against the height field, and
-    shrinks the held part by its pose tolerance; walls and table count.
+    Mode `transit` checks everything. So does mode `leave`, with the gripper as it waits, and mode `depart`, for the
+    line away from where it waits, which ignores what it has just let go. Mode `contact`, for the last line to a grasp
+    and the first line after it, ignores fingers and held part against the height field, and shrinks the held part by
+    its pose tolerance; walls and table count.
     """
 
     def __init__(
@@ -195,11 +195,12 @@ class CollisionScene:
 
     def _checker(self, mode: Mode) -> _Checker:
         state = "held" if self._held else "empty"
-        if mode == "depart":
-            state, mode = state if self.start_boxes is self.tool_boxes else "start", "transit"
+        if mode in ("depart", "leave"):
+            state, mode = mode, "transit"
         if state not in self._checkers:
-            boxes = self.start_boxes if state == "start" else self.tool_boxes
-            self._checkers[state] = _Checker(self, boxes, self._held, self._tolerance)
+            boxes = self.start_boxes if state in ("depart", "leave") else self.tool_boxes
+            placed = self._placed_before if state == "depart" else self._placed
+            self._checkers[state] = _Checker(self, boxes, placed, self._held, self._tolerance)
         if state == "held":
             self._checkers[state].stand_over(self._ground_held)
         self._checkers[state].turn_to(mode)
@@ -210,7 +211,12 @@ class _Checker:
     """Pinocchio's geometry for one held part, with only the pairs that count."""
 
     def __init__(
-        self, scene: CollisionScene, tool_boxes: tuple[Box, ...], held: tuple[Box, ...], tolerance: float
+        self,
+        scene: CollisionScene,
+        tool_boxes: tuple[Box, ...],
+        placed: Ground | None,
+        held: tuple[Box, ...],
+        tolerance: float,
     ) -> None:
         self.model = scene.robot.kinematics
         self.data = self.model.createData()
@@ -229,7 +235,6 @@ class _Checker:
         self._ground = scene._ground_held if held else scene._ground
         ground = [] if self._ground is None else [self._add_shape("pile", 0, self._ground[1], self._ground[0])]
         self._pile = ground
-        placed = scene._placed if held else scene._placed_before
         fixed += [] if placed is None else [self._add_shape("placed", 0, placed[1], placed[0])]
         fingers = {t for t in tool if self.names[t].startswith("finger")}
 

@@ -109,35 +109,34 @@ def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop, T_flange
     inside = scene.robot.within_limits(q)
     if not inside.all():
         return float(np.argmin(inside)) / (len(q) - 1)
-    first = _on_line(scene, q, start, T_flange_tool)
-    last = len(q) - 1 - _on_line(scene, q[::-1], end, T_flange_tool)
+    first = _on_line(scene, q, start)
+    last = len(q) - 1 - _on_line(scene, q[::-1], end)
     if first >= last:
         first, last = 0, len(q) - 1
-    for k in np.linspace(first, last, GLANCES).astype(int)[1:-1]:
+    left = first
+    if start.mode == "depart" and start.line is not None:
+        left = min(max(first, first_beyond(scene.robot, q, T_flange_tool, start.line.length)), last)
+    for k in np.linspace(left, last, GLANCES).astype(int)[1:-1]:
         if not scene.free(q[k]):
             return float(k) / (len(q) - 1)
     stretches: tuple[tuple[int, int, Mode], ...] = (
-        (first, last, "transit"),
+        (left, last, "transit"),
+        (first, left, "leave"),
         (0, first, start.mode),
         (last, len(q) - 1, end.mode),
     )
     for a, b, mode in stretches:
-        if b > a or mode != "transit":
+        if b > a or mode in ("contact", "depart"):
             where = scene.blocked_at(q[a : b + 1], mode)
             if where is not None:
                 return (a + where) / (len(q) - 1)
     return None
 
 
-def _on_line(scene: CollisionScene, q: Array, stop: Stop, T_flange_tool: Array) -> int:
-    """Index of the last of q (n, 6) up to which hand and part stay in the corridor of the stop's whole line.
-
-    Of a departure, up to which the TCP is not yet as far away as the line is long.
-    """
+def _on_line(scene: CollisionScene, q: Array, stop: Stop) -> int:
+    """Index of the last of q (n, 6) up to which hand and part stay in the corridor of the stop's whole line."""
     if stop.line is None or stop.mode == "transit":
         return 0
-    if stop.mode == "depart":
-        return first_beyond(scene.robot, q, T_flange_tool, stop.line.length)
     length = stop.line.length
     way = stop.line.way / length
     arm = arm_of(scene.robot)

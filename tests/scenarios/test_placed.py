@@ -43,8 +43,8 @@ def test_the_hand_keeps_off_what_was_placed_but_not_off_what_it_just_let_go() ->
     )  # fmt: skip
     over = [make_transform(DOWN, (*T[:2, 3], 0.012)) @ np.linalg.inv(gripper.T_flange_tool) for T in spots]
     first, last = (inverse(robot, T[None], robot.home).q[0, 0] for T in over)
-    contact = scene.first_contact(first)
-    assert contact is not None and contact[1] == "placed"
-    assert scene.first_contact(last) is None
-    scene.hold(())  # nothing is held: as before
-    assert scene.first_contact(last) is None
+    for q in (first, last):
+        for mode in ("transit", "leave", "depart"):
+            contact = scene.first_contact(q, mode)
+            assert (contact is None) == (q is last and mode == "depart")
+            assert contact is None or contact[1] == "placed"

@@ -46,6 +46,8 @@ PLANS_ELSEWHERE = 8
 PLANS_A_ROUND = 4
 """Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
+KNOWN_SCORE, KNOWN_SAMPLES = 0.7, 800
+"""Estimates from this score on count as bodies for the gripper, by as many points of their surface."""
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
 
 
@@ -250,12 +252,23 @@ def _choose(
         cell.workpiece,
         cell.gripper,
         cell.source,
-        true_points(cell) if "grasp" in cell.oracle else scene_points(cell, frame),
+        true_points(cell) if "grasp" in cell.oracle else heap_points(cell, frame, estimates),
         cell.scenario.grasping,
         estimates.residuals,
     )
     start = cell.robot.home if "motion" in cell.oracle else waits_at(cell, memory)  # joints of the arm, not a gantry's
     return with_motion(selection, cell.robot, start, cell.gripper.T_flange_tool, cell.scenario.grasping)
+
+
+def heap_points(cell: Workcell, frame: DepthFrame, estimates: Estimates) -> Array:
+    """Points (n, 3) in the world that the gripper keeps off: measured ones, and on the hidden sides of workpieces.
+
+    A workpiece whose pose is believed is known all round; a finger that leans would else land on what it hides.
+    """
+    known = estimates.Ts_world_part[estimates.scores >= KNOWN_SCORE]
+    surface = cell.workpiece.sample_surface(KNOWN_SAMPLES, seed=8)[0]
+    hidden = apply(known, surface).reshape(-1, 3)
+    return np.concatenate([scene_points(cell, frame), hidden])
 
 
 def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memory, seed: int) -> Decision:

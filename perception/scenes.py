@@ -123,7 +123,9 @@ def heap_fingerprint(workpiece: Workpiece) -> str:
     body = [np.round(x, 9).tolist() for x in (workpiece.extents, workpiece.mass, workpiece.com, workpiece.inertia)]
     hulls = [np.round(hull.vertices, 9).tolist() for hull in workpiece.collision_hulls]
     plain = (workpiece.collision_boxes, workpiece.collision_cylinders, workpiece.heap)
-    of = (body, workpiece.friction, hulls, plain)
+    # without teeth as it was before there were any: heaps take hours to settle
+    rubbing = (workpiece.friction, workpiece.rolling_friction)
+    of = (body, rubbing if workpiece.rolling_friction else workpiece.friction, hulls, plain)
     return hashlib.sha256(repr(of).encode()).hexdigest()[:16]
 
 

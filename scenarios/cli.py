@@ -10,7 +10,6 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
@@ -180,7 +179,8 @@ def _run(args: argparse.Namespace) -> int:
                 ray=args.ray,
                 oracle=oracle,
                 out=out,
-                runner=partial(run_episode, keep=Keep(out, args.keep)),
+                runner=run_episode,
+                keep=Keep(out, args.keep),
                 weights_hash=weights_used(scenario, oracle),
                 command=f"pickproof {shlex.join(args.words)}",
                 resume=args.resume,

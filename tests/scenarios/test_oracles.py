@@ -12,6 +12,7 @@ from cell.frames import apply, invert, make_transform
 from grasping.candidates import GraspCandidate
 from scenarios.episode import oracle_perception, run_episode
 from scenarios.gantry import gantry_joints, gantry_line
+from scenarios.job import Job
 from scenarios.pick import Memory, attempt_pick, choose
 from scenarios.records import AttemptRecord
 from scenarios.scan import scene_points, true_points
@@ -67,7 +68,7 @@ def test_a_bin_out_of_the_arms_reach_is_picked_by_the_motion_oracle_alone() -> N
     def picked(*oracle: str) -> tuple[int, AttemptRecord]:
         records: list[AttemptRecord] = []
         scenario = load_scenario("bracket", [FAR, CAMERA, "count=1"])
-        return run_episode(scenario, 0, frozenset(oracle), records.append, False).parts_picked, records[0]
+        return run_episode(Job(scenario, 0, frozenset(oracle)), records.append).parts_picked, records[0]
 
     none, first = picked("perception")
     assert (none, first.reason) == (0, "unreachable")

@@ -28,6 +28,7 @@ from cell.pieces import (
     covering_boxes,
     read_hulls,
 )
+from cell.processes import FOLDERS
 from cell.raycast import RayCaster, make_caster
 from cell.symmetry import Symmetry
 
@@ -148,8 +149,13 @@ class Workpiece:
 
 def search_path() -> list[Path]:
     """Folders that hold workpiece folders: those in PICKPROOF_WORKPIECES, then the shipped ones."""
-    extra = [Path(p) for p in os.environ.get("PICKPROOF_WORKPIECES", "").split(os.pathsep) if p]
+    extra = [Path(p) for p in os.environ.get(FOLDERS, "").split(os.pathsep) if p]
     return [*extra, SHIPPED]
+
+
+def workpiece_folder(name: str) -> Path | None:
+    """The first folder of a workpiece of this name on the search path; None where there is none."""
+    return next((root / name for root in search_path() if (root / name / "workpiece.yaml").is_file()), None)
 
 
 def list_workpieces() -> list[str]:
@@ -164,10 +170,10 @@ def load_workpiece(name: str) -> Workpiece:
     Raises:
         InputError: no such workpiece, an invalid workpiece.yaml, or a missing or unusable mesh.
     """
-    for root in search_path():
-        if (root / name / "workpiece.yaml").is_file():
-            return _load(root / name)
-    raise InputError("command line", "workpiece", name, f"one of: {', '.join(list_workpieces())}")
+    folder = workpiece_folder(name)
+    if folder is None:
+        raise InputError("command line", "workpiece", name, f"one of: {', '.join(list_workpieces())}")
+    return _load(folder)
 
 
 def _load(folder: Path) -> Workpiece:

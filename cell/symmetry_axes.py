@@ -17,14 +17,14 @@ from cell.self_match import Match, SelfMatch
 
 ALIKE = 0.04
 """Of the largest principal moment, within which two count as alike."""
-HIGHEST = 60
-"""Highest order that is looked for; any above is as good as infinite."""
+ALL, FEW, HALF = tuple(range(60, 1, -1)), (5, 4, 3, 2), (2,)
+"""Orders that are looked for, the highest first; any above is as good as infinite."""
 ANY = np.pi * (3 - np.sqrt(5)) * np.arange(1, 9)
 """[rad] Turns of the golden angle, which no finite order has."""
 LOOSE = 3.0
 """Tolerances within which a coarse look still calls for an exact one."""
 SAME = np.cos(np.deg2rad(4.0))
-SCAN_PLANE, SCAN_SPHERE, KEPT = 90, 700, 10
+SCAN_PLANE, SCAN_SPHERE, KEPT = 90, 500, 8
 
 
 @dataclass(frozen=True)
@@ -53,28 +53,28 @@ def find_axes(shape: SelfMatch, inertia: Array) -> list[Axis]:
         if _any_turn(shape, np.eye(3)):
             worst = [shape.measure(about_axis(a, np.array(t))) for a, t in zip(np.eye(3), ANY[:3], strict=True)]
             return [Axis(a, 0, max(worst, key=lambda m: m.residual)) for a in np.eye(3)]
-        directions = [*principal.T, *np.eye(3), *_scan_sphere(shape)]
-    elif near.any():
+        directions = [*((d, ALL) for d in [*principal.T, *np.eye(3)]), *((d, FEW) for d in _scan_sphere(shape))]
+    elif near.any():  # an order above two at right angles to the lone axis would make all moments alike
         lone = principal[:, 2 if near[0] else 0]
-        directions = [lone, *_scan_plane(shape, lone), *principal.T]
+        directions = [(lone, ALL), *((d, HALF) for d in [*_scan_plane(shape, lone), *principal.T])]
     else:
-        directions = list(principal.T)
+        directions = [(d, HALF) for d in principal.T]
     found: list[Axis] = []
-    for direction in directions:
+    for direction, orders in directions:
         if not any(abs(direction @ axis.direction) > SAME for axis in found):
-            axis = axis_at(shape, direction)
+            axis = axis_at(shape, direction, orders)
             if axis is not None and not any(abs(axis.direction @ other.direction) > SAME for other in found):
                 found.append(axis)
     return found
 
 
-def axis_at(shape: SelfMatch, direction: Array) -> Axis | None:
-    """The highest order about a direction (3,), which is settled on the way; None for none."""
-    if shape.coarse_worst(about_axis(direction, ANY[0])) < 1.5 * shape.tolerance and _any_turn(shape, direction[None]):
+def axis_at(shape: SelfMatch, direction: Array, orders: tuple[int, ...]) -> Axis | None:
+    """The first of some orders about a direction (3,), which is settled on the way; any turn goes first of all."""
+    if orders == ALL and shape.coarse_worst(about_axis(direction, ANY[0])) < 1.5 * shape.tolerance and _any_turn(shape, direction[None]):
         worst = max((shape.measure(about_axis(direction, t)) for t in ANY), key=lambda m: m.residual)
         if worst.residual <= shape.tolerance:
             return Axis(direction, 0, worst)
-    for order in range(HIGHEST, 1, -1):
+    for order in orders:
         turns = (about_axis(direction, 2 * np.pi * k / np.array(order)) for k in range(1, order // 2 + 1))
         if any(shape.coarse_worst(T) > LOOSE * shape.tolerance for T in turns):
             continue
@@ -132,8 +132,8 @@ def _scan_plane(shape: SelfMatch, lone: Array) -> list[Array]:
     angles = np.arange(SCAN_PLANE) * np.pi / SCAN_PLANE
     directions = np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * v
     off = np.array([shape.coarse(about_axis(d, np.array(np.pi))) for d in directions])
-    dips = (off <= np.roll(off, 1)) & (off <= np.roll(off, -1))
-    best = np.flatnonzero(dips)[np.argsort(off[dips])][:KEPT]
+    dips = np.flatnonzero((off <= np.roll(off, 1)) & (off <= np.roll(off, -1)))
+    best = dips[np.argsort(off[dips], kind="stable")][:KEPT]
     return [_settled(shape, directions[i], 2) for i in best]
 
 

@@ -84,8 +84,10 @@ def find_symmetry(mesh: trimesh.Trimesh, tolerance: float) -> FoundSymmetry:
 def check_degrees(mesh: trimesh.Trimesh, degrees: Degrees, tolerance: float) -> Match:
     """How a closed mesh in the part's frame fits a symmetry that a user claims about the origin."""
     shape = SelfMatch(mesh, np.zeros(3), tolerance)
-    turns = Symmetry(degrees).rotations(7)
-    return max((shape.measure(make_transform(R)) for R in turns), key=lambda m: m.residual)
+    # multiples of d even where it is fine enough to count as infinite: teeth are no revolution
+    steps = [about_axis(a, np.deg2rad(d * k)) for a, d in zip(np.eye(3), degrees, strict=True) if d for k in (1, 2, 5)]
+    turns = [*(make_transform(R) for R in Symmetry(degrees).S), *steps]
+    return max((shape.measure(T) for T in turns), key=lambda m: m.residual)
 
 
 def _frame(axes: list[Axis]) -> tuple[Array, Degrees]:
@@ -165,7 +167,8 @@ def _near(shape: SelfMatch, axes: list[Axis], R: Array, inertia: Array, symmetry
         if settled is None:
             continue
         match = _near_match(shape, settled, order)
-        if match.residual <= CLOSE * shape.tolerance or match.share <= CONFUSING:
+        exact = match.residual <= shape.tolerance  # one that d_x, d_y, d_z cannot express
+        if not exact and (match.residual <= CLOSE * shape.tolerance or match.share <= CONFUSING):
             found.append(NearTurn(R @ settled, order, match))
     found.sort(key=lambda n: (n.match.share, n.match.residual))
     kept: list[NearTurn] = []
@@ -178,14 +181,19 @@ def _near(shape: SelfMatch, axes: list[Axis], R: Array, inertia: Array, symmetry
 def _is_own(turn: Array, own: Array, symmetry: Symmetry, direction: Array, order: int) -> bool:
     if symmetry.is_sphere:
         return True
-    if symmetry.infinite_axis is not None and abs(direction[symmetry.infinite_axis]) > PARALLEL:
-        return True
+    axis = symmetry.infinite_axis
+    if axis is not None:
+        turned_over = order == 2 and len(own) > 24 and abs(direction[axis]) < UPRIGHT
+        return turned_over or abs(float(direction[axis])) > PARALLEL
     return order != 0 and bool((np.abs(own - turn).max(axis=(1, 2)) < 0.05).any())
 
 
 def _near_match(shape: SelfMatch, direction: Array, order: int) -> Match:
     angles = ANY[:5] if order == 0 else [2 * np.pi / order * k for k in range(1, order // 2 + 1)]
-    matches = [shape.measure(shape.settle(about_axis(direction, np.array(a)))) for a in angles]
+    turns = [about_axis(direction, np.array(a)) for a in angles]
+    if order:  # what breaks the symmetry moves the centre of mass, and so the axis; any turn would be turned back
+        turns = [shape.settle(T) for T in turns]
+    matches = [shape.measure(T) for T in turns]
     return max(matches, key=lambda m: m.residual)
 
 

@@ -77,6 +77,8 @@ class WorkpieceConfig(Config):
 class Workpiece:
     """One workpiece; all lengths in [m], in the CAD frame whose origin is the centre of the bounding box.
 
+    About an axis of odd order that centre is beside the axis; then the origin is on it.
+
     Attributes:
         vertices, faces: the exact mesh (n, 3) and (m, 3), read-only.
         mass: in [kg]; com: centre of mass (3,); inertia: (3, 3) about the centre of mass in [kg m2].
@@ -184,9 +186,6 @@ def _load(folder: Path) -> Workpiece:
     if not 1e-3 < mesh.extents.max() < 5.0:
         size = " x ".join(f"{e:.4g}" for e in mesh.extents)
         raise InputError(path, "mesh_unit", f"{config.mesh_unit} (part of {size} m)", "a part of 1 mm to 5 m")
-    offset = np.abs(mesh.bounds.mean(axis=0)).max()
-    if offset > 1e-3 * mesh.extents.max():
-        raise InputError(path, "mesh", f"centre of bounding box {offset:.4g} m off the origin", "a centred mesh")
     mesh.density = config.density
     vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     vertices.flags.writeable = faces.flags.writeable = False
@@ -194,6 +193,7 @@ def _load(folder: Path) -> Workpiece:
         symmetry = Symmetry(config.symmetry.degrees, config.symmetry.infinite_below)
     except ValueError:
         raise InputError(path, "symmetry.degrees", config.symmetry.degrees, "a finite rotation group") from None
+    _check_origin(path, mesh, symmetry)
     hulls: tuple[CollisionHull, ...] = ()
     if config.collision_hulls is not None:
         hulls = read_hulls(path, folder / config.collision_hulls, UNITS[config.mesh_unit])
@@ -217,6 +217,17 @@ def _load(folder: Path) -> Workpiece:
         magnetic=config.magnetic,
         rolling_friction=config.rolling_friction,
     )
+
+
+def _check_origin(path: Path, mesh: trimesh.Trimesh, symmetry: Symmetry) -> None:
+    """The origin is the centre of the bounding box; with symmetry it may lie on the axis where these differ."""
+    near = 1e-3 * float(mesh.extents.max())
+    middle, across = mesh.bounds.mean(axis=0), np.eye(3) - symmetry.fixed
+    along = float(np.linalg.norm(symmetry.fixed @ middle))
+    off = float(min(np.linalg.norm(across @ middle), np.linalg.norm(across @ np.asarray(mesh.center_mass))))
+    if max(along, off) > near:
+        found = f"centre of bounding box {np.linalg.norm(middle):.4g} m off the origin"
+        raise InputError(path, "mesh", found, "a centred mesh, or one with its axis of symmetry through the origin")
 
 
 def _check_pieces(path: Path, config: WorkpieceConfig, hulls: tuple[CollisionHull, ...], box: Array) -> None:

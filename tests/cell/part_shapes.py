@@ -111,7 +111,7 @@ def shapes() -> Iterator[Shape]:
         yield Shape(f"gear {teeth}", mesh_of(gear(teeth)), _dihedral(teeth))
     for teeth in (3, 5, 8, 12, 25, 40):
         yield Shape(f"saw {teeth}", mesh_of(gear(teeth, slant=0.3, hub=True)), (0.0, 0.0, 360.0 / teeth))
-    yield Shape("ratchet 11", mesh_of(gear(11, slant=0.3)), _dihedral(11))  # turned over, its teeth look the same way
+    yield Shape("ratchet 11", mesh_of(gear(11, slant=0.3)), (0.0, 0.0, 360.0 / 11))  # turned over, its teeth look back
     yield from _plain()
     yield from _nearly()
     for shape in (_named("gear 7"), _named("prism 3"), _named("frustum 5"), _named("saw 8"), _named("gear 40")):

@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from cell.frames import Array
-from cell.mesh_fault import MeshFault
+from cell.mesh_error import MeshError
 
 CRUMB = 0.005
 """Bodies below this share of the volume are left out."""
@@ -23,7 +23,7 @@ def one_body(vertices: Array, faces: np.ndarray) -> tuple[Array, np.ndarray, lis
     """One solid, cavities included, of a closed mesh (n, 3), (m, 3) with consistent faces; and what was done.
 
     Raises:
-        MeshFault: its bodies do not touch, or its surface passes through itself.
+        MeshError: its bodies do not touch, or its surface passes through itself.
     """
     notes: list[str] = []
     parts = [faces[label] for label in _components(faces, len(vertices))]
@@ -38,7 +38,7 @@ def one_body(vertices: Array, faces: np.ndarray) -> tuple[Array, np.ndarray, lis
     else:
         faces = parts[0]
     if _volume(vertices, faces) <= 1e-6 * float(np.prod(np.ptp(vertices, axis=0))):
-        raise MeshFault("a surface that encloses nothing", "a solid")
+        raise MeshError("a surface that encloses nothing", "a solid")
     return vertices, faces, notes
 
 
@@ -46,7 +46,7 @@ def check_crossing(vertices: Array, faces: np.ndarray) -> None:
     """Refuse a surface that passes through itself: rays enter what they are in, or leave what they are not in.
 
     Raises:
-        MeshFault: so it is.
+        MeshError: so it is.
     """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     low, high = mesh.bounds
@@ -62,7 +62,7 @@ def check_crossing(vertices: Array, faces: np.ndarray) -> None:
     bad = np.unique(ray[(depth < -0.5) | (depth > 1.5)])
     share = len(bad) / max(len(np.unique(ray)), 1)
     if share > CROSSED:
-        raise MeshFault(
+        raise MeshError(
             f"a surface that passes through itself (seen by {100 * share:.0f} % of rays)",
             "a surface that bounds one solid; join its solids in the CAD and export again",
         )
@@ -79,7 +79,7 @@ def _joined(vertices: Array, parts: list[np.ndarray], volumes: Array) -> tuple[A
     apart = [body for body in whole.decompose() if body.volume() > 0]
     if len(apart) > 1:
         sizes = " and ".join(" x ".join(f"{1000 * s:.3g}" for s in _extents(body)) for body in apart[:3])
-        raise MeshFault(f"{len(apart)} bodies that do not touch ({sizes} mm)", "one solid; export each part by itself")
+        raise MeshError(f"{len(apart)} bodies that do not touch ({sizes} mm)", "one solid; export each part by itself")
     if len(bodies) > 1:
         notes.append(f"joined {len(bodies)} bodies that overlap or touch")
     if hollow:
@@ -96,7 +96,7 @@ def _components(faces: np.ndarray, n: int) -> list[np.ndarray]:
     of_face = label[a]
     kinds = np.flatnonzero(np.bincount(of_face))
     if len(kinds) > MANY:
-        raise MeshFault(f"{len(kinds)} bodies", "one solid; export each part by itself")
+        raise MeshError(f"{len(kinds)} bodies", "one solid; export each part by itself")
     return [of_face == k for k in kinds]
 
 
@@ -117,7 +117,7 @@ def _solid(vertices: Array, faces: np.ndarray) -> m3.Manifold:
     local = (np.cumsum(used) - 1)[faces]
     body = m3.Manifold(m3.Mesh64(vertices[used], local.astype(np.uint64)))
     if body.status() != m3.Error.NoError:
-        raise MeshFault(f"a surface that is no solid ({body.status().name})", "a closed surface with outward normals")
+        raise MeshError(f"a surface that is no solid ({body.status().name})", "a closed surface with outward normals")
     return body
 
 

@@ -12,10 +12,11 @@ import numpy as np
 import trimesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import cKDTree
 
 from cell.frames import Array
 from cell.mesh_bodies import check_crossing, is_used, one_body
-from cell.mesh_fault import MeshFault
+from cell.mesh_error import MeshError
 
 PART = (0.003, 2.0)
 """[m] longest side of parts that lie in bins."""
@@ -50,10 +51,10 @@ def check_mesh(vertices: Array, faces: np.ndarray, unit: str) -> Checked:
     """Repair a mesh (n, 3) in `unit`, (m, 3).
 
     Raises:
-        MeshFault: it is empty, of a size that no part in a bin has, open, of several bodies, or passes through itself.
+        MeshError: it is empty, of a size that no part in a bin has, open, of several bodies, or passes through itself.
     """
     if len(faces) == 0 or len(vertices) == 0:
-        raise MeshFault("no faces", "a mesh with faces")
+        raise MeshError("no faces", "a mesh with faces")
     mesh = Checked(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
     _drop_not_numbers(mesh)
     size = float(np.ptp(mesh.vertices[is_used(mesh.vertices, mesh.faces)], axis=0).max())
@@ -61,7 +62,7 @@ def check_mesh(vertices: Array, faces: np.ndarray, unit: str) -> Checked:
     mesh.vertices = mesh.vertices * UNITS[unit]
     _weld(mesh, WELD * size * UNITS[unit])
     if len(mesh.faces) == 0:
-        raise MeshFault("only faces without area", "a mesh with faces")
+        raise MeshError("only faces without area", "a mesh with faces")
     if _open_edges(mesh.faces):
         _weld_gaps(mesh, GAP * size * UNITS[unit])
     _wind(mesh)
@@ -70,7 +71,7 @@ def check_mesh(vertices: Array, faces: np.ndarray, unit: str) -> Checked:
         _wind(mesh)
     crowded = int((_meeting(mesh.faces) > 2).sum())
     if crowded:
-        raise MeshFault(f"{crowded} edges with more than two faces", "a surface on which two faces meet at every edge")
+        raise MeshError(f"{crowded} edges with more than two faces", "a surface on which two faces meet at every edge")
     mesh.vertices, mesh.faces, notes = one_body(mesh.vertices, mesh.faces)
     mesh.notes += notes
     _coarsen(mesh)
@@ -82,10 +83,10 @@ def check_size(longest: float, unit: str) -> None:
     """Question a longest side in `unit` that no part in a bin has.
 
     Raises:
-        MeshFault: it names the unit that is meant in all likelihood.
+        MeshError: it names the unit that is meant in all likelihood.
     """
     if not np.isfinite(longest) or longest <= 0:
-        raise MeshFault(f"a longest side of {longest:g}", "a mesh with an extent")
+        raise MeshError(f"a longest side of {longest:g}", "a mesh with an extent")
     low, high = PART
     if low <= longest * UNITS[unit] <= high:
         return
@@ -93,7 +94,7 @@ def check_size(longest: float, unit: str) -> None:
     valid = f"a part of {1000 * low:g} mm to {high:g} m"
     if likely:
         valid += f"; as --unit {likely[0]} it would be {_length(longest * UNITS[likely[0]])} long"
-    raise MeshFault(f"{_length(longest * UNITS[unit])} long (--unit {unit})", valid)
+    raise MeshError(f"{_length(longest * UNITS[unit])} long (--unit {unit})", valid)
 
 
 def _length(metres: float) -> str:
@@ -102,10 +103,10 @@ def _length(metres: float) -> str:
 
 def _drop_not_numbers(mesh: Checked) -> None:
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-        raise MeshFault("a face with a corner that does not exist", "a mesh whose faces use its vertices")
+        raise MeshError("a face with a corner that does not exist", "a mesh whose faces use its vertices")
     bad = ~np.isfinite(mesh.vertices).all(axis=1)[mesh.faces].all(axis=1)
     if bad.mean() > BAD_SHARE:
-        raise MeshFault(f"{int(bad.sum())} of {len(bad)} faces with coordinates that are no numbers", "finite vertices")
+        raise MeshError(f"{int(bad.sum())} of {len(bad)} faces with coordinates that are no numbers", "finite vertices")
     if bad.any():
         mesh.faces = mesh.faces[~bad]
         mesh.notes.append(f"removed {int(bad.sum())} faces with coordinates that are no numbers")
@@ -128,7 +129,7 @@ def _weld(mesh: Checked, within: float) -> None:
         mesh.notes.append(f"removed {int((~solid).sum())} faces without area")
         faces = faces[solid]
     if len(mesh.vertices) >= 2**21:
-        raise MeshFault(f"{len(mesh.vertices)} vertices", f"at most {2**21}")
+        raise MeshError(f"{len(mesh.vertices)} vertices", f"at most {2**21}")
     first, _ = _alike(_packed(np.sort(faces, axis=1)))
     if len(first) < len(faces):
         mesh.notes.append(f"removed {len(faces) - len(first)} faces that were there twice")
@@ -175,18 +176,19 @@ def _open_edges(faces: np.ndarray) -> int:
 
 def _weld_gaps(mesh: Checked, within: float) -> None:
     """Close seams: weld the vertices of open edges that lie within a tolerance [m]."""
-    try:
-        made = m3.Mesh64(mesh.vertices, mesh.faces.astype(np.uint64), tolerance=within)
-        made.merge()
-    except (RuntimeError, ValueError):
+    _, which = _alike(_edge_keys(mesh.faces))
+    rim = np.unique(_edges(mesh.faces)[np.bincount(which)[which] == 1])
+    pairs = cKDTree(mesh.vertices[rim]).query_pairs(within, output_type="ndarray")
+    if len(pairs) == 0:
         return
+    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(rim), len(rim)))
+    _, label = connected_components(links, directed=False)
     to = np.arange(len(mesh.vertices))
-    to[np.asarray(made.merge_from_vert, dtype=np.int64)] = np.asarray(made.merge_to_vert, dtype=np.int64)
-    before = _open_edges(mesh.faces)
-    faces = to[to[mesh.faces]]
+    to[rim] = rim[np.unique(label, return_index=True)[1]][label]
+    faces = to[mesh.faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
-    after = _open_edges(faces)
+    before, after = _open_edges(mesh.faces), _open_edges(faces)
     if after < before:
         mesh.faces = faces
         mesh.notes.append(f"welded {before - after} open edges along seams of up to {1000 * within:.3g} mm")
@@ -209,7 +211,7 @@ def _wind(mesh: Checked) -> None:
     turned = np.zeros(n, dtype=bool)
     pieces, label = connected_components(graph, directed=False)
     if pieces > MANY_PIECES:
-        raise MeshFault(f"{pieces} pieces of surface that do not hang together", NORMALS)
+        raise MeshError(f"{pieces} pieces of surface that do not hang together", NORMALS)
     for start in np.unique(label, return_index=True)[1]:
         visited, before = breadth_first_order(graph, start, directed=False)
         parity = np.asarray(graph[before[visited[1:]], visited[1:]]).ravel() > 1.5
@@ -218,7 +220,7 @@ def _wind(mesh: Checked) -> None:
     minority = np.bincount(label, turned) > np.bincount(label) / 2
     turned ^= minority[label]
     if (turned[one // 3] ^ turned[two // 3] ^ clash).any():
-        raise MeshFault("a surface with one side only, as a Moebius strip", NORMALS)
+        raise MeshError("a surface with one side only, as a Moebius strip", NORMALS)
     mesh.faces[turned] = mesh.faces[turned][:, ::-1]
     if turned.any():
         mesh.notes.append(f"turned {int(turned.sum())} faces that looked the other way from their neighbours")
@@ -238,7 +240,7 @@ def _fill(mesh: Checked) -> None:
         _, _, axes = np.linalg.svd(points - centre, full_matrices=False)
         off = float(np.abs((points - centre) @ axes[2]).max()) if len(points) > 3 else 0.0
         if off > FLAT * width and width > HOLE * size:
-            raise MeshFault(
+            raise MeshError(
                 f"a hole of {1000 * width:.3g} mm whose rim is not flat ({len(rim)} open edges in all)",
                 "a closed surface; a shell needs its thickness modelled",
             )
@@ -251,7 +253,7 @@ def _fill(mesh: Checked) -> None:
     mesh.vertices, mesh.faces = np.concatenate(vertices), np.concatenate([mesh.faces, *new])
     mesh.notes.append(f"closed {len(widths)} holes, the widest of {1000 * max(widths):.3g} mm")
     if _open_edges(mesh.faces):
-        raise MeshFault(f"{len(rim)} open edges that do not close", "a closed surface; a shell needs its thickness")
+        raise MeshError(f"{len(rim)} open edges that do not close", "a closed surface; a shell needs its thickness")
 
 
 def _loops(rim: np.ndarray) -> list[np.ndarray]:
@@ -267,7 +269,7 @@ def _loops(rim: np.ndarray) -> list[np.ndarray]:
             loop.append(at)
             ways = after.get(at)
             if not ways:
-                raise MeshFault(f"{len(rim)} open edges that form no loops", "a closed surface")
+                raise MeshError(f"{len(rim)} open edges that form no loops", "a closed surface")
             following = ways.pop()
             if not ways:
                 del after[at]
@@ -287,7 +289,9 @@ def _flat_faces(points: Array, centre: Array, axes: Array) -> np.ndarray:
         flat = flat * (1.0, -1.0)
     faces = np.asarray(m3.triangulate([np.ascontiguousarray(flat)]), dtype=np.int64).reshape(-1, 3)
     if len(faces) != len(points) - 2:
-        raise MeshFault(f"a hole of {1000 * np.ptp(points, axis=0).max():.3g} mm with a crossed rim", "a closed surface")
+        raise MeshError(
+            f"a hole of {1000 * np.ptp(points, axis=0).max():.3g} mm with a crossed rim", "a closed surface"
+        )
     return faces
 
 
@@ -306,7 +310,7 @@ def _coarsen(mesh: Checked) -> None:
     mesh.vertices, mesh.faces = np.asarray(made.vert_properties)[:, :3], np.asarray(made.tri_verts, dtype=np.int64)
     left = len(mesh.faces)
     if left > 3 * MANY_FACES:
-        raise MeshFault(
+        raise MeshError(
             f"{n} faces, {left} of them needed to stay within {1000 * coarsest:.2g} mm",
             f"a surface smooth enough for {3 * MANY_FACES} faces; a scan wants smoothing first",
         )

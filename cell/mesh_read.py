@@ -20,7 +20,7 @@ import trimesh
 from cell.errors import InputError
 from cell.frames import Array
 from cell.mesh_check import Checked, check_mesh
-from cell.mesh_fault import MeshFault
+from cell.mesh_error import MeshError
 
 FORMATS = ("stl", "obj", "ply", "glb", "step", "stp")
 MEMORY = 2 * 2**30
@@ -51,18 +51,18 @@ def read_checked(path: Path, unit: str) -> Checked:
     reader = context.Process(target=_read, args=(theirs, str(path), kind, unit), daemon=True)
     reader.start()
     theirs.close()
-    slow = MeshFault(f"not read after {SECONDS} s", "a smaller mesh")
+    slow = MeshError(f"not read after {SECONDS} s", "a smaller mesh")
     try:
         answer = mine.recv() if mine.poll(WAITS * SECONDS) else slow
     except EOFError:  # killed, or crashed in a library
         reader.join()
-        broken = MeshFault("a file on which its reader broke down", READABLE)
+        broken = MeshError("a file on which its reader broke down", READABLE)
         answer = slow if reader.exitcode == -signal.SIGXCPU else broken
     finally:
         reader.kill()
         reader.join()
         mine.close()
-    if isinstance(answer, MeshFault):
+    if isinstance(answer, MeshError):
         raise InputError(path, "", answer.found, answer.valid)
     return Checked(*answer)
 
@@ -76,7 +76,7 @@ def _check_step_reader(path: Path) -> None:
 
 
 def _read(out: Connection, path: str, kind: str, unit: str) -> None:
-    """In the process that may be lost: send (vertices, faces, notes), or a MeshFault."""
+    """In the process that may be lost: send (vertices, faces, notes), or a MeshError."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
     with open(os.devnull, "w") as nothing:  # noqa: PTH123  libraries of C++ write to the descriptor
@@ -85,12 +85,12 @@ def _read(out: Connection, path: str, kind: str, unit: str) -> None:
     try:
         checked = check_mesh(*_load(path, kind), unit)
         out.send((checked.vertices, checked.faces, checked.notes))
-    except MeshFault as fault:
-        out.send(fault)
+    except MeshError as error:
+        out.send(error)
     except MemoryError:
-        out.send(MeshFault(f"a file that unfolds to more than {MEMORY / 2**30:.0f} GiB", "a smaller mesh"))
+        out.send(MeshError(f"a file that unfolds to more than {MEMORY / 2**30:.0f} GiB", "a smaller mesh"))
     except Exception as error:  # noqa: BLE001  readers raise whatever their parsers raise
-        out.send(MeshFault(" ".join(str(error).split())[:80] or type(error).__name__, READABLE))
+        out.send(MeshError(" ".join(str(error).split())[:80] or type(error).__name__, READABLE))
 
 
 def _load(path: str, kind: str) -> tuple[Array, np.ndarray]:
@@ -102,5 +102,5 @@ def _load(path: str, kind: str) -> tuple[Array, np.ndarray]:
         scene = trimesh.load(data, file_type=kind, force="scene", process=False, skip_materials=True)
     mesh = scene.to_mesh() if len(scene.geometry) else None
     if not isinstance(mesh, trimesh.Trimesh):
-        raise MeshFault("no faces", "a mesh with faces")
+        raise MeshError("no faces", "a mesh with faces")
     return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)

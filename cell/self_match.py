@@ -39,7 +39,7 @@ class SelfMatch:
     def __init__(self, mesh: trimesh.Trimesh, centre: Array, tolerance: float) -> None:
         self.tolerance, self.centre = tolerance, centre
         self._nearest = Nearest(mesh.vertices - centre, mesh.faces)
-        spread, face = trimesh.sample.sample_surface(mesh, POINTS, seed=1)
+        spread, _ = trimesh.sample.sample_surface(mesh, POINTS, seed=1)
         self._spread = np.asarray(spread) - centre
         corners = np.asarray(mesh.vertices) - centre
         if len(corners) > CORNERS:

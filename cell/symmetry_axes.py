@@ -29,7 +29,7 @@ SCAN_PLANE, SCAN_SPHERE, KEPT = 90, 500, 8
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis of symmetry through the shape's centre: unit direction (3,), order (0: any turn), and how well it holds."""
+    """An axis of symmetry through the shape's centre: unit direction (3,), order (0: any turn), how well it holds."""
 
     direction: Array
     order: int
@@ -70,7 +70,7 @@ def find_axes(shape: SelfMatch, inertia: Array) -> list[Axis]:
 
 def axis_at(shape: SelfMatch, direction: Array, orders: tuple[int, ...]) -> Axis | None:
     """The first of some orders about a direction (3,), which is settled on the way; any turn goes first of all."""
-    if orders == ALL and shape.coarse_worst(about_axis(direction, ANY[0])) < 1.5 * shape.tolerance and _any_turn(shape, direction[None]):
+    if orders == ALL and _any_turn(shape, direction[None]):
         worst = max((shape.measure(about_axis(direction, t)) for t in ANY), key=lambda m: m.residual)
         if worst.residual <= shape.tolerance:
             return Axis(direction, 0, worst)
@@ -159,5 +159,3 @@ def _scan_sphere(shape: SelfMatch) -> list[Array]:
 def _settled(shape: SelfMatch, direction: Array, order: int) -> Array:
     settled = settled_axis(shape, direction, order)
     return direction if settled is None else settled
-
-

@@ -62,7 +62,10 @@ def main(args: argparse.Namespace) -> int:
     checked = read_checked(args.mesh, args.unit)
     mesh, heap, found = search_symmetry(checked)
     size = " x ".join(f"{1000 * e:.1f}" for e in mesh.extents)
-    say(f"mesh: {len(mesh.faces)} faces, {size} mm, {1e6 * mesh.volume:.2f} cm3" + "".join(f"; {n}" for n in checked.notes))
+    say(
+        f"mesh: {len(mesh.faces)} faces, {size} mm, {1e6 * mesh.volume:.2f} cm3"
+        + "".join(f"; {n}" for n in checked.notes)
+    )
     for line in symmetry_lines(found):
         say(line)
     degrees = _decided(args, found)
@@ -71,8 +74,8 @@ def main(args: argparse.Namespace) -> int:
     part = understand(args.name, args.material, checked, mesh, heap, found, degrees)
     say(f"weighs {part.mesh.mass:.4g} kg in {args.material}; lies in {len(part.resting)} ways")
     say(
-        f"collision pieces: {part.pieces.how}; the part sticks out of them by {1000 * part.pieces.outside:.1f} mm at most, "
-        f"they out of it by {1000 * part.pieces.beyond:.1f} mm"
+        f"collision pieces: {part.pieces.how}; the part sticks out of them by {1000 * part.pieces.outside:.1f} mm "
+        f"at most, they out of it by {1000 * part.pieces.beyond:.1f} mm"
     )
     root.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=root, prefix=".onboard-") as draft:

@@ -21,7 +21,7 @@ from cell.resting import Resting, resting_poses
 from cell.symmetry import INFINITE_BELOW_DEG, Symmetry
 from cell.symmetry_search import Degrees, FoundSymmetry, check_degrees, find_symmetry
 from cell.tool import Gripper
-from cell.workpiece import Workpiece, load_workpiece
+from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint
 from grasping.sample import propose
 from scenarios.grasp_check import tried
@@ -47,7 +47,7 @@ TOLERANCE = (0.005, 0.1)
 """T_e: [m], and share of the longest side, of which the smaller counts."""
 SMALL = 0.015
 """Of the longest side, up to which a difference counts as none however noisy the camera is."""
-BATCH, ENOUGH, GRIPPERS = 3, 5, 3
+BATCH, ENOUGH, GRIPPERS = 3, 5, 4
 SECONDS = 75.0
 """[s] of processor time for grasps, after which those that hold will do."""
 
@@ -85,7 +85,13 @@ def search_symmetry(checked: Checked) -> tuple[trimesh.Trimesh, Heap, FoundSymme
 
 
 def understand(
-    name: str, material: str, checked: Checked, mesh: trimesh.Trimesh, heap: Heap, found: FoundSymmetry, degrees: Degrees
+    name: str,
+    material: str,
+    checked: Checked,
+    mesh: trimesh.Trimesh,
+    heap: Heap,
+    found: FoundSymmetry,
+    degrees: Degrees,
 ) -> Part:
     """Move the mesh to the part's frame and find pieces and ways of lying."""
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).apply_transform(found.T_part_cad)
@@ -150,7 +156,11 @@ def write_workpiece(part: Part, folder: Path) -> None:
             lines += [f"o hull{i}", *(f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in 1000 * hull.vertices)]
         (folder / "hulls.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
     heap = part.heap
-    fields["heap"] = {"bin_inner": list(heap.bin_inner), "count": list(heap.count), "camera_distance": heap.camera_distance}
+    fields["heap"] = {
+        "bin_inner": list(heap.bin_inner),
+        "count": list(heap.count),
+        "camera_distance": heap.camera_distance,
+    }
     fields["tolerance"] = round(min(TOLERANCE[0], TOLERANCE[1] * float(part.mesh.extents.max())), 5)
     head = "# Written by `pickproof onboard`; lengths in [m]. docs/onboarding.md says how each value was found.\n"
     (folder / "workpiece.yaml").write_text(head + _yaml(fields), encoding="utf-8")
@@ -190,12 +200,9 @@ def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[
 
 def scenario_text(fields: dict[str, Any]) -> str:
     """The text of scenario.yaml."""
-    return "# Written by `pickproof onboard`. Fields left out take the defaults of scenarios/scenario.py.\n" + _yaml(fields)
-
-
-def reload(name: str) -> Workpiece:
-    """The workpiece as every other command reads it."""
-    return load_workpiece(name)
+    return "# Written by `pickproof onboard`. Fields left out take the defaults of scenarios/scenario.py.\n" + _yaml(
+        fields
+    )
 
 
 def is_infinite(degrees: float) -> bool:

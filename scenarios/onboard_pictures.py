@@ -157,9 +157,7 @@ class _View:
         return image.reshape(PIXELS, PIXELS, 4)
 
 
-def _arrow(
-    panel: Axes, view: _View, tip: Array, colour: str, label: str, width: float, dashed: bool = False
-) -> None:
+def _arrow(panel: Axes, view: _View, tip: Array, colour: str, label: str, width: float, dashed: bool = False) -> None:
     (x0, y0), (x1, y1) = view.flat(np.stack([-tip, tip]))
     panel.plot([x0, x1], [y0, y1], color=colour, lw=width, ls="--" if dashed else "-")
     panel.text(x1, y1, label, color=colour, fontsize=9, ha="center", va="bottom")

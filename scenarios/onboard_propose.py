@@ -66,8 +66,8 @@ def propose_heap(extents: np.ndarray) -> Heap:
     most = int(np.clip(PACKED * length * width * depth / (thin * middle * longest), 4, 40))
     distance = round(float(np.interp(length, SEEN_LENGTH, DISTANCE)), 2)
     reason = (
-        f"{1000 * longest:.0f} mm long: a bin {length / longest:.1f} times as long, {most} parts fill {100 * PACKED:.0f} % "
-        f"of it; the camera {distance:.2f} m over the floor sees the whole of it at "
+        f"{1000 * longest:.0f} mm long: a bin {length / longest:.1f} times as long, {most} parts fill {100 * PACKED:.0f} "
+        f"% of it; the camera {distance:.2f} m over the floor sees the whole of it at "
         f"{1000 * max(length, width * 4 / 3) * 1.15 / 640:.2f} mm a pixel"
     )
     return Heap((length, width, depth), (max(most // 3, 3), most), distance, reason)
@@ -104,7 +104,8 @@ def _judge(gripper: Gripper, workpiece: Workpiece, bin_depth: float) -> tuple[fl
         rank = 1.0 * short + (0.5 if (gripper.groove is not None) != round_one else 0.0) + 0.1 * gripper.mass
         reason = f"opens {1000 * gripper.max_opening:.0f} mm, holds {hold:.0f} N by friction of {need:.0f} N needed"
         if short:
-            reason += f"; its fingers of {1000 * gripper.finger_size[2]:.0f} mm are short for a bin {1000 * bin_depth:.0f} mm deep"
+            fingers = 1000 * gripper.finger_size[2]
+            reason += f"; its fingers of {fingers:.0f} mm are short for a bin {1000 * bin_depth:.0f} mm deep"
         return rank, Choice(gripper, True, reason)
     if isinstance(gripper, Magnet):
         if not workpiece.magnetic:
@@ -152,7 +153,7 @@ def propose_cell(workpiece: Workpiece, gripper: Gripper, heap: Heap) -> tuple[di
 
 
 def _place_bin(workpiece: Workpiece, site: dict[str, Any], count: int) -> tuple[list[float], int]:
-    """Inner sizes [m] of the smallest bin with a slot for each part, and how many that is where it would be too large."""
+    """Inner sizes [m] of the smallest bin with a slot for each part, and how many have one."""
     thin, width, length = (float(e) for e in np.sort(workpiece.extents))
     reach = math.hypot(length, width)
     widest, deepest = site["place"]

@@ -13,7 +13,7 @@ import trimesh
 
 from cell.errors import InputError
 from cell.mesh_check import as_trimesh, check_mesh, check_size
-from cell.mesh_fault import MeshFault
+from cell.mesh_error import MeshError
 from cell.mesh_read import read_checked
 
 BOX = trimesh.creation.box((40, 30, 20))
@@ -63,6 +63,14 @@ def seam() -> trimesh.Trimesh:
     return trimesh.Trimesh(corners, faces, process=False)
 
 
+def twice() -> trimesh.Trimesh:
+    return trimesh.Trimesh(BOX.vertices, np.concatenate([BOX.faces, BOX.faces[:3]]), process=False)
+
+
+def waves(mesh: trimesh.Trimesh) -> np.ndarray:
+    return 5 * np.sin(mesh.triangles_center[:, 0] / 4)
+
+
 def crossing() -> trimesh.Trimesh:
     fine = BOX.subdivide().subdivide()
     top = np.argmin(np.linalg.norm(fine.vertices - [0, 0, 10], axis=1))
@@ -76,11 +84,10 @@ REPAIRED: dict[str, tuple[Callable[[], trimesh.Trimesh], float, str]] = {
     "missing face": (lambda: without(BOX, np.arange(12) == 11), 24000, "closed 1 holes, the widest of 30 mm"),
     "flat cut": (lambda: without(sphere(), sphere().triangles_center[:, 2] > 5), 23360, "closed 1 holes"),
     "small uneven hole": (
-        lambda: without(sphere(), np.linalg.norm(sphere().triangles_center - [0, 0, 20], axis=1) < 1.5), 33430, "closed",
+        lambda: without(sphere(), np.linalg.norm(sphere().triangles_center - [0, 0, 20], axis=1) < 1.5), 33430, "closed"
     ),
     "faces of both ways": (mixed, 9743, "looked the other way"),
-    "face there twice": (lambda: trimesh.Trimesh(BOX.vertices, np.concatenate([BOX.faces, BOX.faces[:3]]), process=False),
-                         24000, "removed 3 faces that were there twice"),
+    "face there twice": (twice, 24000, "removed 3 faces that were there twice"),
     "seam": (seam, 24000, "welded"),
     "overlapping bodies": (lambda: beside((20, 7, 5)), 41100, "joined 2 bodies"),
     "cavity": (hollow, 23000, "kept 1 closed cavities"),
@@ -118,8 +125,7 @@ def test_many_faces_become_few_and_stay_near() -> None:
 REFUSED: dict[str, tuple[Callable[[], trimesh.Trimesh], str]] = {
     "two bodies": (lambda: beside((100, 0, 0)), "2 bodies that do not touch"),
     "open shell": (
-        lambda: without(sphere(), sphere().triangles_center[:, 2] + 5 * np.sin(sphere().triangles_center[:, 0] / 4) > 5),
-        "whose rim is not flat",
+        lambda: without(sphere(), sphere().triangles_center[:, 2] + waves(sphere()) > 5), "whose rim is not flat"
     ),
     "passes through itself": (crossing, "passes through itself"),
     "sheet without thickness": (lambda: trimesh.Trimesh([[0, 0, 0], [40, 0, 0], [0, 30, 0]], [[0, 1, 2], [0, 2, 1]],
@@ -130,17 +136,23 @@ REFUSED: dict[str, tuple[Callable[[], trimesh.Trimesh], str]] = {
 @pytest.mark.parametrize("kind", REFUSED)
 def test_refusals(kind: str) -> None:
     make, words = REFUSED[kind]
-    with pytest.raises(MeshFault) as fault:
+    with pytest.raises(MeshError) as fault:
         check_mesh(*soup(make()), "mm")
     assert words in fault.value.found and fault.value.valid
 
 
 @pytest.mark.parametrize(
     ("longest", "unit", "likely"),
-    [(56, "m", "--unit mm"), (0.056, "mm", "--unit cm"), (0.05, "mm", "cm"), (2.2, "mm", "cm"), (9000, "mm", "")],
+    [
+        (56, "m", "--unit mm"),
+        (0.056, "mm", "--unit m "),
+        (0.05, "mm", "--unit m "),
+        (2.2, "mm", "cm"),
+        (9000, "mm", ""),
+    ],
 )
 def test_a_wrong_unit_is_named(longest: float, unit: str, likely: str) -> None:
-    with pytest.raises(MeshFault) as fault:
+    with pytest.raises(MeshError) as fault:
         check_size(longest, unit)
     assert f"--unit {unit}" in fault.value.found and likely in fault.value.valid
 
@@ -148,7 +160,10 @@ def test_a_wrong_unit_is_named(longest: float, unit: str, likely: str) -> None:
 def glb_bomb(path: Path) -> None:
     """A glTF of half a kilobyte with 300 million points of nought."""
     n = 300_000_000
-    accessors = [{"count": n, "componentType": 5126, "type": "VEC3"}, {"count": 3 * n, "componentType": 5125, "type": "SCALAR"}]
+    accessors = [
+        {"count": n, "componentType": 5126, "type": "VEC3"},
+        {"count": 3 * n, "componentType": 5125, "type": "SCALAR"},
+    ]
     tree = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}], "accessors": accessors,

@@ -7,10 +7,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from cell.frames import make_transform
 from cell.symmetry import Symmetry
 from cell.symmetry_search import check_degrees, find_symmetry
-from cell.workpiece import SHIPPED, load_workpiece
 from tests.cell.part_shapes import Shape, shapes
 
 TOLERANCE = 4e-4

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class MeshFault(Exception):
+class MeshError(Exception):
     """What was found, and what would have been accepted; it becomes an InputError where the file's name is known."""
 
     def __init__(self, found: str, valid: str) -> None:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+FOLDERS = "PICKPROOF_WORKPIECES"
+"""Variable of the environment: folders of workpiece folders, as PATH lists them."""
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from cell.errors import InputError, PickproofError
-from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from cell.processes import FOLDERS, child_environment
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer, take_folders
 from scenarios.files import free_folder
 
 _OWN = {  # commands whose module (dashes are underscores) adds its arguments and has a `main`
@@ -29,6 +30,7 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
     "export": "the attempts of a campaign as a Parquet file",
     "attribute": "what perception, grasp choice and motion each cost, and what to mend first",
+    "onboard": "a CAD file made a workpiece: mesh checked, symmetry, collision pieces, grasps, a cell for it, a page",
     "sweep": "run a scenario for every combination of values",
 }
 
@@ -44,10 +46,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        args = _parser(words).parse_args(words)
+        rest, folders = take_folders(words)
+        args = _parser(rest).parse_args(rest)
         command: Callable[[argparse.Namespace], int] = args.command
         args.words = words
-        return command(args)
+        with child_environment({FOLDERS: folders} if folders else {}):
+            return command(args)
     except SystemExit as leaving:  # argparse: help and errors
         return int(leaving.code or 0)
     except PickproofError as error:
@@ -64,6 +68,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser = _Parser(prog="pickproof", description="Proves a pick rate before the cell exists.")
     parser.add_argument("--version", action="version", version=_version())
+    parser.add_argument(
+        "--workpieces", metavar="DIR", help="any command takes it: a folder of your own workpieces, looked up first"
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="run episodes of a scenario and write DIR/results.sqlite and summary.json")

@@ -54,8 +54,13 @@ def draw_frames(frames: list[Pictured], workpiece: Workpiece, path: Path, column
     tiles = [draw_frame(frame, workpiece) for frame in frames]
     if not tiles:
         return
+    height, width = np.max([tile.shape[:2] for tile in tiles], axis=0)
+    blank = np.full((height, width, 3), 255, np.uint8)
+    for i, tile in enumerate(tiles):  # images of a dataset may differ in size
+        tiles[i] = blank.copy()
+        tiles[i][: tile.shape[0], : tile.shape[1]] = tile
     while len(tiles) % columns:
-        tiles.append(np.full_like(tiles[0], 255))
+        tiles.append(blank)
     rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
     sheet = np.vstack([*rows, draw_legend(rows[0].shape[1], workpiece.tolerance)])
     path.write_bytes(png(sheet))

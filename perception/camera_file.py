@@ -42,10 +42,9 @@ class CameraFile:
         Raises:
             InputError: the camera is one of another size.
         """
-        if self.size not in (None, (width, height)):
-            raise InputError(
-                image, "size", f"{width} x {height}", "{} x {} as the camera has it".format(*self.size or ())
-            )
+        if self.size is not None and self.size != (width, height):
+            valid = f"{self.size[0]} x {self.size[1]} as the camera has it"
+            raise InputError(image, "size", f"{width} x {height}", valid)
         return Intrinsics(width, height, self.K[0, 0], self.K[1, 1], self.K[0, 2], self.K[1, 2])
 
 

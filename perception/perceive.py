@@ -47,13 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", type=Path, help="depth: PNG, TIFF, NPY, NPZ; cloud: PLY, PCD, XYZ, PTS, NPY, NPZ")
     parser.add_argument("--camera", type=Path, metavar="FILE", help="intrinsics of a depth image, as JSON or YAML")
     for name in ("fx", "fy", "cx", "cy"):
-        parser.add_argument(
-            f"--{name}", type=float, metavar="PIXEL", help="in place of --camera" if name == "fx" else ""
-        )
+        parser.add_argument(f"--{name}", type=float, metavar="PIXEL", help="all four in place of --camera")
     parser.add_argument("--depth-scale", type=float, metavar="MM", help="millimetres a count of a depth image")
-    parser.add_argument(
-        "--unit", choices=sorted(UNITS), help="of a cloud, or of a depth that is no integer (default m)"
-    )
+    parser.add_argument("--unit", choices=sorted(UNITS), help="of a cloud or of depth in floats (default m)")
     parser.add_argument("--camera-pose", type=Path, metavar="FILE", help="4 x 4 T_world_camera of the input, in m")
     parser.add_argument("--sigma", type=float, metavar="M", help="noise of a depth (default: measured in the input)")
     where = parser.add_mutually_exclusive_group()
@@ -95,9 +91,8 @@ def main(args: argparse.Namespace) -> int:
         return 0
     K = frame.intrinsics
     print(f"{K.width} x {K.height} pixels, {int(region.sum())} of them of interest, noise {1e3 * frame.sigma:.2f} mm")
-    print(
-        f"{len(result.estimates)} {workpiece.name} found in {seconds:.2f} s; {out / 'poses.json'}, {out / 'poses.png'}"
-    )
+    print(f"{len(result.estimates)} {workpiece.name} found in {seconds:.2f} s")
+    print(f"wrote {out / 'poses.json'} and {out / 'poses.png'}")
     return 0
 
 
@@ -119,7 +114,7 @@ def poses_of(result: RefineResult, frame: DepthFrame) -> list[dict[str, Any]]:
 def region_of(
     frame: DepthFrame, workpiece: Workpiece, box: list[float] | None = None, bin: Path | None = None
 ) -> np.ndarray:
-    """(h, w) bool: pixels in a box (low corner, high corner) or a bin in world coordinates, or what no plane carries."""
+    """(h, w) bool: pixels in a box (low, then high corner) or a bin in world coordinates, or off all that is flat."""
     if box is not None:
         low, high = np.reshape(box, (2, 3))
         if not (np.isfinite(box).all() and (low < high).all()):

@@ -54,8 +54,8 @@ def depth_image(points_camera: Array, T_world_camera: Array) -> DepthFrame:
 def find_grid(slopes: Array, about: float) -> Grid | None:
     """The grid on which slopes (n,) lie, with a focal length of 0.6 to 1.3 times `about` [pixel]; None without one.
 
-    On a grid of focal length f all f * slope have the same fraction, so |mean exp(2 pi i f slope)| is 1; the lowest such
-    f is the grid's, its multiples have the property too.
+    On a grid of focal length f all f * slope have the same fraction, so |mean exp(2 pi i f slope)| is 1; the lowest
+    such f is the grid's, its multiples have the property too.
     """
     step = 0.2 / max(float(np.ptp(slopes)), 1e-6)
     focals = np.arange(0.6 * about, 1.3 * about, step)

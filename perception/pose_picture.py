@@ -25,7 +25,7 @@ def draw_poses(
 ) -> None:
     """Write outlines, axes and scores of the estimates; what lies outside the region (h, w) is darker."""
     v, u = np.nonzero(region)
-    low, high = np.array([u.min(), v.min()]), np.array([u.max(), v.max()])
+    low, high = np.percentile([u, v], [0.5, 99.5], axis=1).astype(int)  # a region has stray pixels
     edge = (0.08 * (high - low)).astype(int) + 8
     low, high = np.maximum(low - edge, 0), np.minimum(high + edge + 1, (region.shape[1], region.shape[0]))
     grow = max(1, int(np.ceil(WIDTH / (high[0] - low[0]))))

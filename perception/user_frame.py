@@ -93,19 +93,17 @@ def _of_depth(path: Path, values: np.ndarray, options: Options) -> DepthFrame:
     camera = _camera(path, options)
     height, width = values.shape
     K = camera.intrinsics(width, height, path)
-    if values.dtype.kind == "f":
-        step, rounding = UNITS[options.unit or "m"], 0.0
-    else:
-        step = camera.depth_step if options.depth_scale is None else options.depth_scale / MM
-        if step is None:
-            raise InputError(path, "--depth-scale", "missing", "millimetres a count, as 1 or 0.1")
-        rounding = step
+    is_float = values.dtype.kind == "f"
+    scale = camera.depth_step if options.depth_scale is None else options.depth_scale / MM
+    step = UNITS[options.unit or "m"] if is_float else scale
+    if step is None:
+        raise InputError(path, "--depth-scale", "missing", "millimetres a count, as 1 or 0.1")
     depth = values.astype(np.float64) * step
     depth = np.where(np.isfinite(depth) & (depth > 0), depth, 0.0).astype(np.float32)
     if not depth.any():
         raise InputError(path, "", "no pixel with a depth above 0", "a measured scene")
     pose = _pose(options.pose) if options.pose is not None else camera.T_world_camera
-    sigma = options.sigma or camera.sigma or measured_sigma(depth, rounding)
+    sigma = options.sigma or camera.sigma or measured_sigma(depth, 0.0 if is_float else step)
     return DepthFrame(depth, K, np.eye(4) if pose is None else pose, sigma)
 
 

@@ -108,14 +108,18 @@ def load_heaps(
     missing = [seed for seed in seeds if str(seed) not in known]
     tick(count - len(missing))
     if missing:
-        with ProcessPoolExecutor(max(workers, 1), mp_context=get_context("spawn")) as pool:
+        pool = ProcessPoolExecutor(max(workers, 1), mp_context=get_context("spawn"))
+        try:
             settled = pool.map(_settle_named, repeat(workpiece.name), repeat(workpiece.heap), missing)
             for seed, poses in zip(missing, settled, strict=True):
                 known[str(seed)] = poses
                 tick(sum(str(s) in known for s in seeds))
                 if len(known) % 20 == 0:
                     _store(path, known, made_of)
-        _store(path, known, made_of)
+        finally:  # an interrupted run keeps what it has
+            if known:
+                _store(path, known, made_of)
+            pool.shutdown(cancel_futures=True)
     return [known[str(seed)] for seed in seeds]
 
 

@@ -49,6 +49,22 @@ def test_scenes_do_not_depend_on_workers_and_sets_grow(here: Path, capsys: pytes
     assert "--seed 7 --count 1:3" in capsys.readouterr().err
 
 
+def test_an_interrupted_run_keeps_its_scenes(here: Path) -> None:
+    made = SceneSet.of(bracket(), here / "set", 7, 4, (1, 2))
+
+    def interrupt(ready: int) -> None:
+        if ready == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        made.heaps(1, interrupt)
+    kept = scenes(here / "set")
+    assert set(kept) == {str(GENERATED_SEED + 7), str(GENERATED_SEED + 8), "fingerprint"}
+    ready = list[int]()
+    assert len(made.heaps(1, ready.append)) == 4
+    assert ready == [2, 3, 4]
+
+
 def small_set(folder: Path, count: int) -> None:
     """A set that is stored already, so that nothing needs to settle."""
     made = SceneSet.of(bracket(), folder, 0, count, (8, 12))

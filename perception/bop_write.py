@@ -16,6 +16,7 @@ import numpy as np
 from cell.camera import Intrinsics
 from cell.errors import InputError
 from cell.frames import Array, invert
+from cell.processes import single_threaded_children
 from cell.sensor import SensorConfig, measure
 from cell.workpiece import Workpiece, load_workpiece
 from perception.bop_format import (
@@ -32,7 +33,6 @@ from perception.bop_format import (
     write_json,
 )
 from perception.bop_models import OBJECT, write_models
-from perception.heap_frames import single_threaded_children
 from perception.overlay import png
 from perception.scenes import View, heap_bin, overhead_view, render_heap, tilted_view
 

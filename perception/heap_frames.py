@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import repeat
@@ -19,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cell.camera import DepthFrame
 from cell.frames import Array, invert
-from cell.processes import child_environment
+from cell.processes import single_threaded_children
 from cell.sensor import SensorConfig, measure
 from cell.workpiece import load_workpiece
 from perception.bop_read import BopImage
@@ -28,8 +28,6 @@ from perception.estimate import Perception, shipped_score_model
 from perception.refine import RefineResult
 from perception.scenes import HEAPS_FOLDER, heap_bin, load_heaps, overhead_view, render_heap
 from perception.weights import load_weights, weights_path
-
-_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -167,8 +165,3 @@ def _loaded(setup: Setup) -> Perception:
 def _perceive(setup: Setup, index: int, scene: Scene) -> HeapFrame:
     rng = np.random.default_rng((setup.seed, index))
     return perceive_scene(_loaded(setup), scene, setup.sensor, rng)
-
-
-def single_threaded_children() -> AbstractContextManager[None]:
-    """Processes started meanwhile use one thread each."""
-    return child_environment(dict.fromkeys(_THREADS, "1"))

@@ -202,12 +202,12 @@ def test_evaluate_finds_what_is_there(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ["--bop", str(dataset), "--split", "test", "--frames", "2", "--bop-results", "r.csv", "--json"]
+    words = ["--bop", str(dataset), "--split", "test", "--frames", "1", "--bop-results", "r.csv", "--json"]
     assert main(["evaluate", "bracket", *words]) == 0
     refined = json.loads(capsys.readouterr().out)["methods"]["ps6d_refined"]
     results = read_results(tmp_path / "r.csv")
     tp, n_gt, n_pred = 0, 0, 0
-    for image in read_bop(dataset, "test", None, bracket())[:2]:  # the score anew, from the file
+    for image in read_bop(dataset, "test", None, bracket())[:1]:  # the score anew, from the file
         T = np.tile(np.eye(4), (sum(r["image"] == (image.scene, image.image) for r in results), 1, 1))
         T[:, :3, :3] = [r["R"] for r in results if r["image"] == (image.scene, image.image)]
         T[:, :3, 3] = [r["t"] / 1000 for r in results if r["image"] == (image.scene, image.image)]

@@ -34,6 +34,11 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "sweep": "run a scenario for every combination of values",
 }
 
+_PERCEPTION = {  # the same for modules of perception
+    "generate": "settled scenes of a workpiece, stored as poses, and their export as a BOP dataset",
+    "perceive": "the poses of workpieces in a depth image or point cloud of your own",
+}
+
 
 class _Parser(argparse.ArgumentParser):
     """Errors as one line, like every other error of the program."""
@@ -133,10 +138,11 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     benchmark.set_defaults(command=_benchmark)
     fit_score.set_defaults(command=_fit_score)
 
-    for name, text in _OWN.items():
+    for name, text in (_OWN | _PERCEPTION).items():
         own = commands.add_parser(name, help=text)
         if name in words[:1]:
-            module = import_module(f"scenarios.{name.replace('-', '_')}")
+            folder = "perception" if name in _PERCEPTION else "scenarios"
+            module = import_module(f"{folder}.{name.replace('-', '_')}")
             module.add_arguments(own)
             own.set_defaults(command=module.main)
 

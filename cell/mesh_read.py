@@ -83,6 +83,8 @@ def _read(out: Connection, path: str, kind: str, unit: str) -> None:
         os.dup2(nothing.fileno(), 2)
         os.dup2(nothing.fileno(), 1)
     try:
+        if kind in ("step", "stp"):
+            unit = "m"  # such a file tells its own, and its reader converts
         checked = check_mesh(*_load(path, kind), unit)
         out.send((checked.vertices, checked.faces, checked.notes))
     except MeshError as error:

@@ -140,7 +140,7 @@ def _snapped(R: Array) -> Array:
 
 
 def _placed(mesh: trimesh.Trimesh, R: Array, centre: Array, symmetry: Symmetry, tolerance: float) -> Array:
-    """T_part_cad: the middle of the bounding box to the origin, or an axis of symmetry through it where that differs."""
+    """T_part_cad: the middle of the bounding box to the origin, or an axis of symmetry where that differs."""
     turned = mesh.vertices @ R.T
     middle = (turned.min(axis=0) + turned.max(axis=0)) / 2
     off = R @ centre - middle

@@ -24,7 +24,7 @@ FULL = 0.97
 STEP = (0.0005, 0.03)
 """[m], and share of the largest radius, by which the radius may change along one cylinder; the larger counts."""
 SLICES, MAX_CYLINDERS = 120, 14
-THRESHOLD, MAX_HULLS, HULL_VERTICES = 0.06, 16, 48
+THRESHOLD, MAX_HULLS, HULL_VERTICES, MAX_CORNERS = 0.06, 16, 48, 120
 BOXY = 1.35
 """Times its volume that the box around a thin hull may have to stand for it."""
 THINNEST = 3.2 * HULL_MARGIN
@@ -190,13 +190,13 @@ def _thick(vertices: Array) -> Array:
 
 
 def _few(vertices: Array) -> Array:
-    """The corners of a hull, thinned to HULL_VERTICES of those that stand out farthest."""
+    """The corners of a hull, at most MAX_CORNERS of them, each the farthest from those taken before."""
     corners = vertices[ConvexHull(vertices, qhull_options="QJ").vertices]
-    if len(corners) <= HULL_VERTICES:
+    if len(corners) <= MAX_CORNERS:
         return np.array(corners)
-    ball = trimesh.creation.icosphere(2).vertices
-    kept = np.unique(np.argmax((corners - corners.mean(axis=0)) @ ball.T, axis=0))
-    while len(kept) > HULL_VERTICES:
-        ball = ball[::2]
-        kept = np.unique(np.argmax((corners - corners.mean(axis=0)) @ ball.T, axis=0))
-    return np.array(corners[kept])
+    taken = [int(np.argmax(np.linalg.norm(corners - corners.mean(axis=0), axis=1)))]
+    off = np.linalg.norm(corners - corners[taken[0]], axis=1)
+    while len(taken) < MAX_CORNERS:
+        taken.append(int(np.argmax(off)))
+        off = np.minimum(off, np.linalg.norm(corners - corners[taken[-1]], axis=1))
+    return np.array(corners[taken])

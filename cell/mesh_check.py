@@ -104,7 +104,8 @@ def _length(metres: float) -> str:
 def _drop_not_numbers(mesh: Checked) -> None:
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise MeshError("a face with a corner that does not exist", "a mesh whose faces use its vertices")
-    bad = ~np.isfinite(mesh.vertices).all(axis=1)[mesh.faces].all(axis=1)
+    finite = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
+    bad = ~finite[mesh.faces].all(axis=1)
     if bad.mean() > BAD_SHARE:
         raise MeshError(f"{int(bad.sum())} of {len(bad)} faces with coordinates that are no numbers", "finite vertices")
     if bad.any():

@@ -13,6 +13,7 @@ import signal
 from io import BytesIO
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -83,6 +84,8 @@ def _read(out: Connection, path: str, kind: str, unit: str) -> None:
         os.dup2(nothing.fileno(), 2)
         os.dup2(nothing.fileno(), 1)
     try:
+        if kind in ("step", "stp"):
+            unit = "m"  # such a file tells its own, and its reader converts
         checked = check_mesh(*_load(path, kind), unit)
         out.send((checked.vertices, checked.faces, checked.notes))
     except MeshError as error:
@@ -97,7 +100,7 @@ def _load(path: str, kind: str) -> tuple[Array, np.ndarray]:
     """Vertices (n, 3) as they stand in the file, faces (m, 3); nothing but this file is read."""
     data = BytesIO(Path(path).read_bytes())
     if kind in ("step", "stp"):
-        scene = trimesh.load(data, file_type="step", force="scene")
+        scene: Any = trimesh.load(data, file_type="step", force="scene")
     else:
         scene = trimesh.load(data, file_type=kind, force="scene", process=False, skip_materials=True)
     mesh = scene.to_mesh() if len(scene.geometry) else None

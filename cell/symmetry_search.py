@@ -26,6 +26,8 @@ CLOSE = 4.0
 NEAR_ORDERS = (0, 2, 3, 4, 6)
 SNAP = np.deg2rad(0.3)
 """Between the found axes and those of the CAD, within which those of the CAD are meant."""
+OFF_AXIS = 2e-4
+"""Of the longest side, by which the middle of the bounding box may be beside an axis of symmetry."""
 PARALLEL, UPRIGHT = np.cos(np.deg2rad(2.0)), np.sin(np.deg2rad(2.0))
 
 
@@ -73,7 +75,7 @@ def find_symmetry(mesh: trimesh.Trimesh, tolerance: float) -> FoundSymmetry:
     match = max((axis.match for axis in axes), key=lambda m: m.residual, default=Match(0.0, 0.0))
     return FoundSymmetry(
         degrees=degrees,
-        T_part_cad=_placed(mesh, R, centre, symmetry, tolerance),
+        T_part_cad=_placed(mesh, R, centre, symmetry),
         match=match,
         tolerance=tolerance,
         near=_near(shape, axes, R, np.asarray(mesh.moment_inertia), symmetry),
@@ -139,13 +141,13 @@ def _snapped(R: Array) -> Array:
     return R
 
 
-def _placed(mesh: trimesh.Trimesh, R: Array, centre: Array, symmetry: Symmetry, tolerance: float) -> Array:
-    """T_part_cad: the middle of the bounding box to the origin, or an axis of symmetry through it where that differs."""
+def _placed(mesh: trimesh.Trimesh, R: Array, centre: Array, symmetry: Symmetry) -> Array:
+    """T_part_cad: the middle of the bounding box to the origin, or an axis of symmetry where that differs."""
     turned = mesh.vertices @ R.T
     middle = (turned.min(axis=0) + turned.max(axis=0)) / 2
     off = R @ centre - middle
     across = off - symmetry.fixed @ off
-    if np.linalg.norm(across) > tolerance / 2:
+    if np.linalg.norm(across) > OFF_AXIS * float(np.ptp(turned, axis=0).max()):
         middle = middle + across
     return make_transform(R, -middle)
 

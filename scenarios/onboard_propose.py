@@ -66,8 +66,8 @@ def propose_heap(extents: np.ndarray) -> Heap:
     most = int(np.clip(PACKED * length * width * depth / (thin * middle * longest), 4, 40))
     distance = round(float(np.interp(length, SEEN_LENGTH, DISTANCE)), 2)
     reason = (
-        f"{1000 * longest:.0f} mm long: a bin {length / longest:.1f} times as long, {most} parts fill {100 * PACKED:.0f} "
-        f"% of it; the camera {distance:.2f} m over the floor sees the whole of it at "
+        f"{1000 * longest:.0f} mm long: a bin {length / longest:.1f} times as long, which {most} parts fill to "
+        f"{100 * PACKED:.0f} %; the camera {distance:.2f} m over the floor sees the whole of it at "
         f"{1000 * max(length, width * 4 / 3) * 1.15 / 640:.2f} mm a pixel"
     )
     return Heap((length, width, depth), (max(most // 3, 3), most), distance, reason)

@@ -15,6 +15,7 @@ from cell.errors import InputError
 from cell.mesh_check import as_trimesh, check_mesh, check_size
 from cell.mesh_error import MeshError
 from cell.mesh_read import read_checked
+from tests.cell.step_box import step_box
 
 BOX = trimesh.creation.box((40, 30, 20))
 
@@ -207,6 +208,15 @@ def test_formats(kind: str, tmp_path: Path) -> None:
     BOX.export(tmp_path / f"part.{kind}")
     checked = read_checked(tmp_path / f"part.{kind}", "mm")
     assert np.ptp(checked.vertices, axis=0) == pytest.approx([0.04, 0.03, 0.02]) and not checked.notes
+
+
+@pytest.mark.parametrize(("prefix", "scale"), [(".MILLI.", 1.0), ("$", 1e-3)])
+def test_step_tells_its_own_unit(prefix: str, scale: float, tmp_path: Path) -> None:
+    pytest.importorskip("cascadio")
+    (tmp_path / "part.step").write_text(step_box((40 * scale, 30 * scale, 20 * scale), prefix))
+    checked = read_checked(tmp_path / "part.step", "mm")
+    assert np.ptp(checked.vertices, axis=0) == pytest.approx([0.04, 0.03, 0.02], rel=1e-5)
+    assert as_trimesh(checked).volume == pytest.approx(24e-6, rel=1e-5)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

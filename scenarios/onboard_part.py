@@ -128,7 +128,7 @@ def write_workpiece(part: Part, folder: Path) -> None:
     """workpiece.yaml, the mesh and hulls in [mm]."""
     folder.mkdir(parents=True)
     scaled = trimesh.Trimesh(1000 * part.mesh.vertices, part.mesh.faces, process=False)
-    (folder / f"{part.name}.ply").write_bytes(scaled.export(file_type="ply"))
+    scaled.export(folder / f"{part.name}.ply")
     density, friction, magnetic = MATERIALS[part.material]
     fields: dict[str, Any] = {
         "name": part.name,

@@ -170,6 +170,8 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             memory.waits_at = None
         elif evidence.closed and not evidence.put_back and not evidence.log.stopped:
             memory.waits_at = decision.plan.carry.q[-1]
+        elif memory.waits_at is not None:
+            memory.waits_at = cell.arm.q  # over the last place, on the way that it came
         memory.opened = cell.arm.opening
         limits, after = cell.scenario.limits, evidence.after
         if set(evidence.carried) & set(after.parts_in(PLACE)):

@@ -9,6 +9,7 @@ import pytest
 
 from cell.symmetry import Symmetry
 from cell.symmetry_search import check_degrees, find_symmetry
+from cell.workpiece import SHIPPED, load_workpiece
 from tests.cell.part_shapes import Shape, shapes
 
 TOLERANCE = 4e-4
@@ -36,3 +37,12 @@ def test_generated_shapes(shape: Shape) -> None:
 
 def test_there_are_sixty() -> None:
     assert len(ALL) >= 60
+
+
+@pytest.mark.parametrize("name", sorted(p.parent.name for p in SHIPPED.glob("*/workpiece.yaml")))
+def test_shipped_workpieces(name: str) -> None:
+    """As their yaml has it, in the frame of their CAD."""
+    workpiece = load_workpiece(name)
+    found = find_symmetry(workpiece.mesh, TOLERANCE)
+    assert found.degrees == pytest.approx(workpiece.symmetry.degrees)
+    np.testing.assert_allclose(found.T_part_cad, np.eye(4), atol=TOLERANCE)

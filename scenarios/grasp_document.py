@@ -155,6 +155,11 @@ class GraspDocument:
         """The file on disk is not what was read or saved last."""
         return _hash(self.path) != self._seen
 
+    def their_diff(self) -> str:
+        """What another program changed in the file since it was read or saved last, as a unified diff."""
+        theirs = self.path.read_bytes() if self.path.exists() else b""
+        return _diff(self._base, theirs.decode("utf-8", "replace"), self.path.name)
+
     def reload(self) -> None:
         """Take what is on disk; what was being edited is one `undo` away. `error` says if it cannot be taken."""
         try:
@@ -189,9 +194,9 @@ class GraspDocument:
         target.parent.mkdir(parents=True, exist_ok=True)
         with _locked(target.parent):
             if self.changed_outside():
-                theirs = target.read_bytes() if target.exists() else b""
                 if not overwrite:
-                    return Conflict(_diff(self._base, theirs.decode("utf-8", "replace"), self.path.name))
+                    return Conflict(self.their_diff())
+                theirs = target.read_bytes() if target.exists() else b""
                 if theirs:
                     self._checked(theirs.decode("utf-8", "replace"))
                     kept = _free(target)
@@ -230,7 +235,9 @@ class GraspDocument:
             f"# Grasp points of {self._workpiece.name}; the schema is in docs/grasping.md.\n"
             "# [m] and unit vectors in the CAD frame.\n"
         )
-        return f"{head}gripper: {self._gripper.name}\ngrasps:\n{entry_text(begun_point(self._workpiece, self._gripper))}"
+        return (
+            f"{head}gripper: {self._gripper.name}\ngrasps:\n{entry_text(begun_point(self._workpiece, self._gripper))}"
+        )
 
 
 def begun_point(workpiece: Workpiece, gripper: Gripper, name: str = "new") -> GraspPoint:
@@ -267,8 +274,7 @@ def _plain(value: Any) -> Any:
 
 
 def _diff(a: str, b: str, name: str) -> str:
-    lines = difflib.unified_diff(a.splitlines(), b.splitlines(), f"{name} (on disk)", f"{name} (edited)", lineterm="")
-    return "\n".join(lines)
+    return "\n".join(difflib.unified_diff(a.splitlines(), b.splitlines(), name, f"{name} (changed)", lineterm=""))
 
 
 def _hash(path: Path) -> str | None:

@@ -97,7 +97,9 @@ def try_free(cell: TrialCell, T_world_part: Array, point: GraspPoint) -> Outcome
         return Outcome(False, best)
     trials = []
     cell.world.place_part(0, T_world_part)
-    film = record(cell.world, cell.arm, lambda: trials.append(cell.try_grasp(T_world_part, best.T_world_tool, best.opening)))
+    film = record(
+        cell.world, cell.arm, lambda: trials.append(cell.try_grasp(T_world_part, best.T_world_tool, best.opening))
+    )
     trial = trials[0]
     return Outcome(trial.held, trial.reason, trial.slip, film)
 

@@ -65,7 +65,10 @@ class SnapTargets:
     def snap(self, T_part_grip: Array, to: Snapping) -> Array:
         """The grip frame (4, 4), x closing and z approach, moved to what lies near; itself where nothing does."""
         x, z, t = T_part_grip[:3, 0], T_part_grip[:3, 2], T_part_grip[:3, 3].copy()
-        planes = [*(self.centre_planes if to.centre_planes else ()), *(self.symmetry_planes if to.symmetry_planes else ())]
+        planes = [
+            *(self.centre_planes if to.centre_planes else ()),
+            *(self.symmetry_planes if to.symmetry_planes else ()),
+        ]
         directions = [np.asarray(p.normal) for p in planes]
         if to.edges and len(self.edges):
             directions += list(self.edge_directions)

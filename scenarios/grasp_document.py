@@ -93,7 +93,7 @@ class GraspDocument:
     def can_redo(self) -> bool:
         return bool(self._future)
 
-    def set(self, index: int, fields: Mapping[str, Any]) -> None:
+    def change(self, index: int, fields: Mapping[str, Any]) -> None:
         """Set fields of a grasp; None takes a field out of the file, so that it has its default.
 
         Fields that have the value already are not touched, however they are written.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,10 @@ from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint
 from scenarios.grasp_document import Conflict, GraspDocument, begun_point
-from scenarios.grasp_film import HeapCell, Outcome, try_free
-from scenarios.grasp_geometry import Plane, SnapTargets, fields_of, frame_of, mirrored
+from scenarios.grasp_geometry import Plane, SnapTargets, fields_of, mirrored, squared
 from scenarios.grasp_panel import CAD, GREEN, HINTS, Panel
 from scenarios.grasp_scene import EditorScene
-from scenarios.grasp_trial import TrialCell
+from scenarios.grasp_tries import GraspTries
 from scenarios.grasp_verdicts import GraspJudge
 from scenarios.token_gate import TokenGate
 from scenarios.viser_page import HOST, serve
@@ -63,11 +61,7 @@ class GraspEditor:
         self._drag: tuple[Array, str] | None = None
         self._typed: dict[str, Any] = {}
         self._typed_at = 0.0
-        self._closed, self._playing, self._seed, self._told = False, False, 0, False
-        self._outcomes: dict[str, Outcome] = {}
-        self._shown: Outcome | None = None
-        self._resting: Array = np.zeros((0, 4, 4))
-        self._cells: tuple[TrialCell, HeapCell] | None = None
+        self._closed, self._told = False, False
         self._server = serve(f"{workpiece.name}: grasps", 0 if token else port)
         inner = self._server.get_port()
         self._gate = TokenGate(host, port, inner, token) if token else None
@@ -77,18 +71,15 @@ class GraspEditor:
             self._server, workpiece, gripper, self._targets.symmetry_planes, self._dragged, self.select
         )
         self._panel = Panel(self._server.gui, f"{workpiece.name} with {gripper.name}", planes, self)
+        self._tries = GraspTries(workpiece, gripper, self._scene, self._panel, self._lock)
         self.show()
-        self._physics = ThreadPoolExecutor(1, thread_name_prefix="physics")
-        self._physics.submit(self._prepare)
-        for work in (self._follow, self._watch_file, self._run_film):
+        for work in (self._follow, self._watch_file):
             threading.Thread(target=work, daemon=True).start()
 
     def close(self) -> None:
         """Stop the server and the physics; what was not saved is gone."""
         self._closed = True
-        self._physics.shutdown(wait=True, cancel_futures=True)
-        for cell in self._cells or ():
-            cell.close()
+        self._tries.close()
         if self._gate is not None:
             self._gate.close()
         self._server.stop()
@@ -151,7 +142,7 @@ class GraspEditor:
     def lie(self, choice: str) -> None:
         """Turn the workpiece as it lies."""
         with self._lock:
-            self._scene.lie(None if choice == CAD else self._resting[int(choice.rsplit(" ", 1)[1])])
+            self._scene.lie(None if choice == CAD else self._tries.resting[int(choice.rsplit(" ", 1)[1])])
 
     def mirror(self, plane: Plane) -> None:
         """Add the grasp as it is on the other side of a plane."""
@@ -167,19 +158,19 @@ class GraspEditor:
             "redo": self.document.redo,
             "fit": self._fit,
             "add": lambda: self._add(begun_point(self.workpiece, self.gripper)),
-            "duplicate": lambda: self.point and self._add(self.point),
+            "duplicate": lambda: self._add(self.point),
             "delete": lambda: self.document.remove(self.selected),
             "up": lambda: self._shift(-1),
             "down": lambda: self._shift(1),
-            "on / off": lambda: self.point and self.document.set(self.selected, {"enabled": not self.point.enabled}),
+            "on / off": self._switch,
             "reload": self._reload,
         }
         others: dict[str, Any] = {
             "overwrite": lambda: self._save(True),
             "save": lambda: self._save(False),
-            "show_changes": self._show_changes,
-            "edit": lambda: self._stage(None),
-            "another_heap": lambda: self._physics.submit(self._another_heap),
+            "show changes": self._show_changes,
+            "back to editing": lambda: self._tries.stage(None),
+            "another heap": self._tries.another_heap,
         }
         if name in actions:
             self._edit(actions[name])
@@ -192,7 +183,7 @@ class GraspEditor:
         with self._lock:
             self._take_typed()
             if self._guarded(change):
-                self._stage(None)
+                self._tries.stage(None)
                 self.show()
 
     def _guarded(self, change: Any) -> bool:
@@ -205,7 +196,13 @@ class GraspEditor:
             return False
         return True
 
-    def _add(self, point: GraspPoint) -> None:
+    def _switch(self) -> None:
+        if self.point is not None:
+            self.document.change(self.selected, {"enabled": not self.point.enabled})
+
+    def _add(self, point: GraspPoint | None) -> None:
+        if point is None:
+            return
         named = point.model_copy(update={"name": self.document.free_name(point.name)})
         self._select_new(self.document.add(named, self.selected))
 
@@ -218,41 +215,17 @@ class GraspEditor:
         self.selected = to
 
     def _fit(self) -> None:
-        """The centre between the faces that the pads meet, and their distance as the width."""
-        point = self.point
-        if point is None:
-            return
-        verdict = self._judge.judge(point)
-        if not np.isfinite(verdict.width):
-            raise InputError("page", "fit", "no face on both sides", "a grasp whose pads both meet the part")
-        T = frame_of(point)
-        T[:3, 3] += verdict.off_centre * T[:3, 0]
-        width = round(verdict.width, 5)
-        opening = None if point.opening is None else max(point.opening, width)
-        self.document.set(self.selected, {**fields_of(T), "width": width, "opening": opening})
+        if self.point is not None:
+            self.document.change(self.selected, self._judge.fitted(self.point))
 
     def _take_typed(self) -> None:
         """Make what was typed a change of the document."""
         typed, self._typed = self._typed, {}
         if not typed or self.point is None:
             return
-        if ("approach" in typed) != ("closing" in typed):
-            typed |= self._squared(typed)
-        if self._guarded(lambda: self.document.set(self.selected, typed)):
+        typed |= squared(self.point, typed)
+        if self._guarded(lambda: self.document.change(self.selected, typed)):
             self.show(typed)
-
-    def _squared(self, typed: dict[str, Any]) -> dict[str, Any]:
-        """The direction that was not typed, turned so that both stay at right angles."""
-        assert self.point is not None
-        z, x = (np.array(typed.get(k, getattr(self.point, k)), float) for k in ("approach", "closing"))
-        kept, other, name = (z, x, "closing") if "approach" in typed else (x, z, "approach")
-        if np.linalg.norm(kept) < 1e-6:
-            return {}
-        kept = kept / np.linalg.norm(kept)
-        square = other - (other @ kept) * kept
-        if np.linalg.norm(square) < 1e-6:
-            square = np.cross(kept, np.eye(3)[int(np.argmin(np.abs(kept)))])
-        return {name: [round(float(v), 6) + 0.0 for v in square / np.linalg.norm(square)]}
 
     def _dragged(self, T_part_grip: Array, phase: str) -> None:
         with self._lock:
@@ -274,7 +247,7 @@ class GraspEditor:
         assert self.point is not None
         fields = fields_of(self._targets.snap(T_part_grip, self._panel.snapping))
         if phase == "end":
-            if self._guarded(lambda: self.document.set(self.selected, fields)):
+            if self._guarded(lambda: self.document.change(self.selected, fields)):
                 self._panel.hint.content = HINTS["try"]
                 self.show()
         else:
@@ -327,84 +300,21 @@ class GraspEditor:
             self._told = True
             self._panel.conflict(self.document.their_diff())
 
-    def _prepare(self) -> None:
-        """The physics: a table with a lone workpiece, and a heap."""
-        trial = TrialCell(self.workpiece, self.gripper)
-        self._cells = (trial, HeapCell(self.workpiece, self.gripper, self._seed))
-        self._resting = trial.resting_poses()
-        self._panel.list_resting(len(self._resting))
-
-    def _another_heap(self) -> None:
-        if self._cells is not None:
-            self._seed += 1
-            self._cells[1].close()
-            self._cells = (self._cells[0], HeapCell(self.workpiece, self.gripper, self._seed))
-            self._panel.say(f"Heap {self._seed} is settled.", GREEN)
-
     def try_it(self, choice: str) -> None:
         """Try the grasp in the physics, in one place or everywhere."""
         with self._lock:
             self._take_typed()
             if self.point is not None:
-                self._panel.busy(True)
-                self._physics.submit(self._try, self.point, choice)
-
-    def _try(self, point: GraspPoint, choice: str) -> None:
-        assert self._cells is not None
-        trial, heap = self._cells
-        begun = time.monotonic()
-        outcomes: dict[str, Outcome] = {}
-        try:
-            for k, T_world_part in enumerate(self._resting):
-                if choice in ("everywhere", f"resting pose {k}"):
-                    outcomes[f"resting pose {k}"] = try_free(trial, T_world_part, point)
-            if choice in ("everywhere", "in a heap"):
-                outcomes["in a heap"] = heap.try_grasp(point)
-        except PickproofError as error:
-            self._panel.say(str(error))
-        with self._lock:
-            self._outcomes = outcomes
-            self._panel.busy(False)
-            self._panel.results(outcomes, time.monotonic() - begun)
-            self._panel.hint.content = HINTS["tried"]
-            films = [name for name, outcome in outcomes.items() if outcome.film is not None]
-            if films:
-                self.film_of(films[0])
+                self._tries.begin(self.point, choice)
 
     def film_of(self, choice: str) -> None:
         """Show the film of one place, from its start."""
-        with self._lock:
-            self._stage(self._outcomes.get(choice))
-            self._playing = self._shown is not None
-
-    def _stage(self, outcome: Outcome | None) -> None:
-        self._shown, self._playing = outcome, False
-        self._scene.show_film(outcome)
-        if outcome is not None and outcome.film is not None:
-            self._panel.time.max = max(round(float(outcome.film.time[-1]), 2), 0.02)
-            self._panel.time.value = 0.0
-            self._scene.film_to(outcome, 0)
-
-    def play(self, on: bool) -> None:
-        """Run the film, or stop it; from the start where it has ended."""
-        with self._lock:
-            if self._shown is not None and on and float(self._panel.time.value) >= float(self._panel.time.max) - 1e-6:
-                self._panel.time.value = 0.0
-            self._playing = on and self._shown is not None
+        self._tries.film_of(choice)
 
     def film_at(self, seconds: float) -> None:
         """Show the film at a time."""
-        with self._lock:
-            if self._shown is not None and self._shown.film is not None:
-                times = self._shown.film.time
-                frame = int(np.clip(np.searchsorted(times, seconds - 1e-3), 0, len(times) - 1))
-                self._scene.film_to(self._shown, frame)
+        self._tries.film_at(seconds)
 
-    def _run_film(self) -> None:
-        while not self._closed:
-            time.sleep(TICK)
-            with self._lock:
-                if self._playing:
-                    after = min(float(self._panel.time.value) + TICK / 2, float(self._panel.time.max))
-                    self._panel.time.value = after
-                    self._playing = after < float(self._panel.time.max) - 1e-6
+    def play(self, on: bool) -> None:
+        """Run the film, or stop it; from the start where it has ended."""
+        self._tries.play(on)

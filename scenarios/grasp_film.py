@@ -87,7 +87,7 @@ def record(world: World, arm: Arm, run: Callable[[], object]) -> Film:
         world.after_step.remove(watch)
     frames.append((arm.tool_pose(), arm.opening, world.part_poses()))
     tools, openings, parts = zip(*frames, strict=True)
-    return Film(PERIOD * np.arange(len(frames)), np.stack(tools), np.array(openings), np.stack(parts))
+    return Film(PERIOD * np.arange(len(frames), dtype=np.float64), np.stack(tools), np.array(openings), np.stack(parts))
 
 
 def try_free(cell: TrialCell, T_world_part: Array, point: GraspPoint) -> Outcome:

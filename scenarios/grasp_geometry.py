@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -116,6 +118,21 @@ def fields_of(T_part_grip: Array) -> dict[str, tuple[float, ...]]:
     return {name: tuple(round(float(v), 6) + 0.0 for x in [value] for v in x) for name, value in fields.items()}
 
 
+def squared(point: GraspPoint, fields: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+    """Where one of approach and closing is set, the other one turned so that both stay at right angles; else nothing."""
+    if ("approach" in fields) == ("closing" in fields):
+        return {}
+    set_one, other = ("approach", "closing") if "approach" in fields else ("closing", "approach")
+    kept, turned = np.array(fields[set_one], float), np.array(getattr(point, other), float)
+    if np.linalg.norm(kept) < 1e-6:
+        return {}  # refused by the schema
+    kept /= np.linalg.norm(kept)
+    square = turned - (turned @ kept) * kept
+    if np.linalg.norm(square) < 1e-3:
+        square = np.cross(kept, np.eye(3)[int(np.argmin(np.abs(kept)))])
+    return {other: tuple(round(float(v), 6) + 0.0 for v in square / np.linalg.norm(square))}
+
+
 def mirrored(point: GraspPoint, plane: Plane, name: str) -> GraspPoint:
     """The grasp on the other side of a plane; the tool is alike on both sides, so its turns only change their sign."""
     n = np.asarray(plane.normal)
@@ -166,14 +183,14 @@ def _centre_planes(workpiece: Workpiece) -> tuple[Plane, ...]:
 
 
 def _candidates(workpiece: Workpiece) -> list[Plane]:
-    """Planes at which the CAD may be its own mirror image: at right angles to each axis, and through those of symmetry."""
+    """Planes at which the CAD may be its own mirror image: square to each axis, and through those of symmetry."""
     found = [Plane(f"mirror {a}", tuple(np.eye(3)[i])) for i, a in enumerate(AXES)]
     for i, degrees in enumerate(workpiece.symmetry.degrees):
         half = max(degrees / 2, 15.0) if degrees else 180.0
         for angle in np.arange(half, 180.0 - 1e-9, half):
-            n = np.roll([0.0, np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))], i)
-            if np.abs(n).max() < 1 - 1e-9:
-                found.append(Plane(f"mirror {angle:g} deg about {AXES[i]}", tuple(float(x) for x in n)))
+            x, y, z = np.roll([0.0, np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))], i).tolist()
+            if max(abs(x), abs(y), abs(z)) < 1 - 1e-9:
+                found.append(Plane(f"mirror {angle:g} deg about {AXES[i]}", (x, y, z)))
     return found
 
 

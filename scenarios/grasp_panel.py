@@ -14,6 +14,7 @@ from scenarios.grasp_verdicts import GraspJudge, GraspVerdict
 RED, GREEN, AMBER = "#c62f2f", "#1f8a4c", "#b36b00"
 SLIPS = 2e-3  # [m] in the hand from which a grasp that held is worth a warning
 CAD = "as in the CAD"
+EVERYWHERE, HEAP = "everywhere", "in a heap"
 HINTS = {
     "choose": "**1. Choose** a grasp in the list or click its gripper. Then drag the arrows and rings at it.",
     "drag": "**2. Look at the verdict** below while you drag. Green is good. *Fit* puts the pads where the part is.",
@@ -66,7 +67,7 @@ class Panel:
             self._try_tab()
         with tabs.add_tab("Save"):
             gui.add_markdown("What saving changes in the file. Comments and order stay as they are.")
-            self._button("Show changes", "show_changes")
+            self._button("Show changes", "show changes")
             self._diff = gui.add_markdown("")
             self._write = self._button("Write the file", "save")
             self._write.visible = False
@@ -94,7 +95,7 @@ class Panel:
             self._lies.on_update(lambda event: actions.lie(event.target.value))
             for name, label, on in (
                 ("others", "other grasps", True),
-                ("bodies", "whole grippers", True),
+                ("bodies", "whole grippers of all", False),
                 ("ghosts", "symmetric copies", True),
                 ("symmetry", "symmetry axes and centre of mass", True),
                 ("planes", "planes of symmetry", False),
@@ -104,23 +105,27 @@ class Panel:
 
     def _try_tab(self) -> None:
         gui, actions = self._gui, self._actions
-        self._where = gui.add_dropdown("where", ("everywhere", "in a heap"))
+        self._where = gui.add_dropdown("where", (EVERYWHERE, HEAP))
         self._try = gui.add_button("Try this grasp", hint="grip, lift and shake in the physics", disabled=True)
         self._try.on_click(lambda _: actions.try_it(self._where.value))
-        self._button("Another heap", "another_heap")
+        self._button("Another heap", "another heap")
         self._results = gui.add_markdown("Grips, lifts and shakes the part; a heap is rehearsed as in a run.")
         with gui.add_folder("Film", visible=False) as self._film:
             which = gui.add_dropdown("film", ("-",))
-            which.on_update(lambda event: event.client is not None and actions.film_of(event.target.value))
+            which.on_update(self._film_chosen)
             self._which = which
             self.time = gui.add_slider("time [s]", 0.0, 1.0, 0.02, 0.0)
             self.time.on_update(lambda _: actions.film_at(float(self.time.value)))
             play = gui.add_button_group("", ("Play", "Stop", "Back to editing"))
             play.on_click(self._played)
 
+    def _film_chosen(self, event: Any) -> None:
+        if event.client is not None:
+            self._actions.film_of(event.target.value)
+
     def _played(self, event: Any) -> None:
         if event.target.value == "Back to editing":
-            self._actions.act("edit")
+            self._actions.act("back to editing")
         else:
             self._actions.play(event.target.value == "Play")
 
@@ -147,9 +152,9 @@ class Panel:
 
     def list_resting(self, n: int) -> None:
         """How many resting poses there are to look at and to try in; the physics is ready then."""
-        poses = tuple(f"resting pose {k}" for k in range(n))
+        poses = tuple(resting_name(k) for k in range(n))
         self._lies.options = (CAD, *poses)
-        self._where.options = ("everywhere", *poses, "in a heap")
+        self._where.options = (EVERYWHERE, *poses, HEAP)
         self._try.disabled = False
 
     def say(self, line: str, colour: str = RED) -> None:
@@ -208,6 +213,11 @@ class Panel:
         if free is not None:
             lines.append(f"of its {free[1]} poses {free[0]} leave the gripper room")
         self._verdict.content = "  \n".join(lines)
+
+
+def resting_name(k: int) -> str:
+    """Of the resting pose that is the k-th likeliest."""
+    return f"resting pose {k}"
 
 
 def _said(outcome: Outcome) -> str:

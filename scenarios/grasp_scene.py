@@ -42,9 +42,9 @@ class EditorScene:
         self._server, self._workpiece, self._gripper, self._clicked = server, workpiece, gripper, clicked
         self._size = float(np.linalg.norm(workpiece.extents))
         scene, mesh = server.scene, workpiece.mesh
-        far = max(self._size, 0.1)
-        server.initial_camera.position = (1.1 * far, -1.6 * far, 1.2 * far)
-        server.initial_camera.look_at = (0.0, 0.0, 0.25 * far)
+        far = max(self._size, 0.06)
+        server.initial_camera.position = (0.8 * far, -1.3 * far, 1.1 * far)
+        server.initial_camera.look_at = (0.0, 0.0, 0.2 * far)
         self._part = scene.add_frame("/part", show_axes=False)
         scene.add_mesh_simple("/part/cad", mesh.vertices, mesh.faces, color=PART, flat_shading=True)
         self._floor = scene.add_grid("/floor", 6 * far, 6 * far, cell_size=0.01, section_size=0.1, visible=False)
@@ -61,7 +61,7 @@ class EditorScene:
         self._film: list[Any] = []
         self._film_tool: Any = None
         self._film_fingers: list[Any] = []
-        self.show_bodies, self.show_others, self.show_ghosts = True, True, True
+        self.show_bodies, self.show_others, self.show_ghosts = False, True, True
 
     def _axes(self, planes: Sequence[Plane]) -> None:
         scene, half = self._server.scene, 0.6 * self._size
@@ -116,7 +116,6 @@ class EditorScene:
         T = first_pose(point)
         with self._server.atomic():
             move(self._tool, T)
-            self._body.visible = self.show_bodies
             for handle, link in zip(self._fingers, self._gripper.links(), strict=True):
                 handle.position = _shift(link, opening(point))
                 handle.color = GOOD if good else BAD
@@ -135,7 +134,7 @@ class EditorScene:
         if self._ghosts is None:
             mesh = _gripper_mesh(self._gripper, opening(point), False)
             self._ghosts = self._server.scene.add_batched_meshes_simple(
-                "/part/ghosts", mesh.vertices, mesh.faces, pose_of(Ts[0])["wxyz"][None].repeat(len(Ts), 0), Ts[:, :3, 3],
+                "/part/ghosts", mesh.vertices, mesh.faces, np.tile(pose_of(T)["wxyz"], (len(Ts), 1)), Ts[:, :3, 3],
                 batched_colors=GHOST, opacity=0.25, cast_shadow=False, lod="off",
             )  # fmt: skip
         self._ghosts.visible = True

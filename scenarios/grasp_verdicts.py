@@ -7,11 +7,13 @@ pad, which costs the same for any number of triangles. What holds in the end is 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
 
 from cell.bin import Box
+from cell.errors import InputError
 from cell.frames import Array, apply, invert
 from cell.jaw import ParallelJaw
 from cell.pads import PadGripper
@@ -19,7 +21,7 @@ from cell.pieces import CollisionBox, covering_boxes
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper
-from grasping.grasp_points import GraspPoint, expand, first_pose, opening
+from grasping.grasp_points import OPENING_MARGIN, GraspPoint, expand, first_pose, opening
 from grasping.sample import FACING, FREEFORM, INTO, TOUCH
 from grasping.sample_pads import worst_use
 
@@ -106,6 +108,23 @@ class GraspJudge:
             said.append(f"closing pushes the part by {1e3 * abs(verdict.off_centre):.1f} mm")
         return said
 
+    def fitted(self, point: GraspPoint) -> dict[str, Any]:
+        """Fields that put the centre between the faces that the pads meet, and make the width their distance.
+
+        Raises:
+            InputError: a pad meets nothing, or the gripper has no pads that close.
+        """
+        verdict = self.judge(point)
+        if not np.isfinite(verdict.width):
+            raise InputError("page", "fit", point.name, "a grasp whose pads both meet the part")
+        closing = first_pose(point)[:3, 0]
+        centre = np.asarray(point.centre) + verdict.off_centre * closing
+        width = round(verdict.width, 5)
+        fields: dict[str, Any] = {"centre": tuple(round(float(v), 6) + 0.0 for v in centre), "width": width}
+        if point.opening is not None and point.opening < width:
+            fields["opening"] = width + 2 * OPENING_MARGIN
+        return fields
+
     @property
     def cone(self) -> float:
         """[rad] between pad and surface from which on friction does not hold: dry Coulomb, geometric mean of both."""
@@ -126,8 +145,9 @@ class GraspJudge:
     def _hits(self, T_tool_part: Array, opening: float, before: float) -> tuple[str, ...]:
         """Boxes with surface in them, each stretched back along the way in."""
         boxes = self._solid(opening)
-        halves = np.array([np.asarray(b.size) / 2 for b in boxes]) + (0.0, 0.0, before / 2) - INTO
-        centres = np.array([b.T_world_box[:3, 3] for b in boxes]) - (0.0, 0.0, before / 2)
+        back = np.array([0.0, 0.0, before / 2])
+        halves = np.array([b.size for b in boxes]) / 2 + back - INTO
+        centres = np.array([b.T_world_box[:3, 3] for b in boxes]) - back
         inside = _box_hits(T_tool_part, self.points, centres, halves)
         names = [b.name.replace("_", " ") for b in boxes]
         return tuple(name for name, hit in zip(names, inside, strict=True) if hit)

@@ -1,4 +1,4 @@
-"""The text of a grasps.yaml changed in place: every line that is not meant stays as it was, comments and order included.
+"""The text of a grasps.yaml changed in place: every line that is not meant stays as it was, comments and order too.
 
 Whole entries are moved, added and removed as lines of text. Fields of an entry are set by ruamel.yaml, whose round trip
 keeps comments; of what it writes only the lines that differ are taken over.
@@ -93,9 +93,9 @@ def rearrange(text: str, order: Sequence[int | GraspPoint]) -> str:
 
 
 def _blocks(text: str, lines: Sequence[str]) -> tuple[list[int], int, int]:
-    """First line of every entry with the comments over it, the line after the last one, and the column of the dashes."""
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    items = next(value for key, value in root.value if key.value == "grasps")
+    """First line of every entry with the comments over it, the line after the last one, the column of the dashes."""
+    root: Any = yaml.compose(text, Loader=yaml.SafeLoader)
+    head, items = next(pair for pair in root.value if pair[0].value == "grasps")
     dashes = []
     for item in items.value:
         line = item.start_mark.line
@@ -109,8 +109,7 @@ def _blocks(text: str, lines: Sequence[str]) -> tuple[list[int], int, int]:
     after = [_last_line(item) + 1 for item in items.value]
     starts = []
     for k, dash in enumerate(dashes):
-        line, top = dash, (after[k - 1] if k else next(key.start_mark.line for key, _ in root.value
-                                                       if key.value == "grasps") + 1)  # fmt: skip
+        line, top = dash, after[k - 1] if k else head.start_mark.line + 1
         while line > top and _belongs_below(lines[line - 1], column):
             line -= 1
         starts.append(line)
@@ -125,7 +124,7 @@ def _belongs_below(line: str, column: int) -> bool:
     return not line.strip() or len(line) - len(line.lstrip()) <= column
 
 
-def _last_line(node: yaml.Node) -> int:
+def _last_line(node: Any) -> int:
     """Of the text of a node; the end mark of a block is behind what follows it."""
     if isinstance(node, yaml.ScalarNode) or node.flow_style:
         mark = node.end_mark

@@ -1,7 +1,7 @@
 """A door before a page of this machine for those who know a token, so that it can be looked at from elsewhere.
 
-The page itself listens on the loopback interface. Whoever comes with `/?token=...` gets a cookie; every later connection
-must bring it. One HTTP request comes per connection, for the page's server closes each after its answer.
+The page itself listens on the loopback interface. Whoever comes with `/?token=...` gets a cookie, which every later
+connection must bring. One HTTP request comes per connection, for the page's server closes each after its answer.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.errors import InputError, PickproofError
+from cell.errors import PickproofError
 from cell.frames import Array
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
@@ -73,12 +73,15 @@ class GraspEditor:
         self._panel = Panel(self._server.gui, f"{workpiece.name} with {gripper.name}", planes, self)
         self._tries = GraspTries(workpiece, gripper, self._scene, self._panel, self._lock)
         self.show()
-        for work in (self._follow, self._watch_file):
-            threading.Thread(target=work, daemon=True).start()
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._follow, self._watch_file)]
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
         """Stop the server and the physics; what was not saved is gone."""
         self._closed = True
+        for thread in self._threads:
+            thread.join()
         self._tries.close()
         if self._gate is not None:
             self._gate.close()
@@ -148,8 +151,7 @@ class GraspEditor:
         """Add the grasp as it is on the other side of a plane."""
         point = self.point
         if point is not None:
-            name = self.document.free_name(f"{point.name}_mirrored")
-            self._edit(lambda: self._select_new(self.document.add(mirrored(point, plane, name), self.selected)))
+            self._edit(lambda: self._add(mirrored(point, plane, f"{point.name}_mirrored")))
 
     def act(self, name: str) -> None:
         """A button: its label in lower case."""
@@ -204,10 +206,7 @@ class GraspEditor:
         if point is None:
             return
         named = point.model_copy(update={"name": self.document.free_name(point.name)})
-        self._select_new(self.document.add(named, self.selected))
-
-    def _select_new(self, index: int) -> None:
-        self.selected = index
+        self.selected = self.document.add(named, self.selected)
 
     def _shift(self, by: int) -> None:
         to = int(np.clip(self.selected + by, 0, len(self.document.points) - 1))

@@ -24,7 +24,7 @@ from scenarios.rehearsal import Rehearsal
 from scenarios.scenario import Scenario
 
 PERIOD = 0.02  # [s] between two frames
-NEIGHBOURS = 8
+NEIGHBOURS = 12  # workpieces in the heap
 HEAP_SAMPLES = 3000  # of the surface of each neighbour
 STILL = 2e-4  # [m] that the tool has moved when the lift has begun
 
@@ -141,7 +141,7 @@ class HeapCell:
         return Outcome(held, reasons[0], slip, film, part, self.bin)
 
     def _best(self, point: GraspPoint) -> GraspCandidate | str:
-        """The best candidate of all workpieces in the heap, or what rules most of the poses out."""
+        """The best candidate of all workpieces in the heap, or how many of its poses what rules out."""
         inside = self.truth.parts_in(self.bin.name)
         poses = expand((point.model_copy(update={"enabled": True}),), self.workpiece)
         found: list[GraspCandidate] = []
@@ -159,7 +159,8 @@ class HeapCell:
                 counts[verdict] = counts.get(verdict, 0) + n
         if found:
             return max(found, key=lambda c: c.rank)
-        return max(counts, key=lambda verdict: counts[verdict]) if counts else "no workpiece in the heap"
+        most = sorted(counts, key=lambda verdict: -counts[verdict])
+        return ", ".join(f"{verdict} {counts[verdict]}" for verdict in most) or "no workpiece in the heap"
 
 
 def small_bin(workpiece: Workpiece) -> Bin:

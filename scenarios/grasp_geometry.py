@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cell.errors import InputError
 from cell.frames import Array, make_transform
 from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint, Turn
@@ -119,7 +120,7 @@ def fields_of(T_part_grip: Array) -> dict[str, tuple[float, ...]]:
 
 
 def squared(point: GraspPoint, fields: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Where one of approach and closing is set, the other one turned so that both stay at right angles; else nothing."""
+    """Where one of approach and closing is set, the other one, turned to a right angle with it; else nothing."""
     if ("approach" in fields) == ("closing" in fields):
         return {}
     set_one, other = ("approach", "closing") if "approach" in fields else ("closing", "approach")
@@ -134,7 +135,13 @@ def squared(point: GraspPoint, fields: Mapping[str, Any]) -> dict[str, tuple[flo
 
 
 def mirrored(point: GraspPoint, plane: Plane, name: str) -> GraspPoint:
-    """The grasp on the other side of a plane; the tool is alike on both sides, so its turns only change their sign."""
+    """The grasp on the other side of a plane; the tool is alike on both sides, so its turns only change their sign.
+
+    Raises:
+        InputError: the part turns about an axis through the origin, which the plane does not pass through.
+    """
+    if plane.offset and len(point.part_rotation.angles()) > 1:
+        raise InputError("page", "mirror at", plane.name, "a plane through the CAD origin, for `part_rotation` is set")
     n = np.asarray(plane.normal)
     M = np.eye(3) - 2 * np.outer(n, n)
 

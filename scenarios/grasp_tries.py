@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 
@@ -45,12 +47,14 @@ class GraspTries:
         self._shown: Outcome | None = None
         self._playing, self._closed = False, False
         self._physics = ThreadPoolExecutor(1, thread_name_prefix="physics")
-        self._physics.submit(self._prepare)
-        threading.Thread(target=self._run_film, daemon=True).start()
+        self._submit(self._prepare)
+        self._player = threading.Thread(target=self._run_film, daemon=True)
+        self._player.start()
 
     def close(self) -> None:
         """Wait for what is being tried, and end."""
         self._closed = True
+        self._player.join()
         self._physics.shutdown(wait=True, cancel_futures=True)
         for cell in (self._trial, self._heap):
             if cell is not None:
@@ -59,12 +63,20 @@ class GraspTries:
     def begin(self, point: GraspPoint, where: str) -> None:
         """Try a grasp in one place or everywhere; the page says what came of it."""
         self._panel.busy(True)
-        self._physics.submit(self._try, point, where)
+        self._submit(self._try, point, where)
 
     def another_heap(self) -> None:
         """Let the workpieces fall anew."""
         self._seed += 1
-        self._physics.submit(self._settle, self._seed)
+        self._submit(self._settle, self._seed)
+
+    def _submit(self, job: Callable[..., None], *words: Any) -> None:
+        self._physics.submit(job, *words).add_done_callback(self._ended)
+
+    def _ended(self, job: Future[None]) -> None:
+        """What nobody expected is not to vanish in a thread."""
+        if not job.cancelled() and (error := job.exception()) is not None:
+            self._panel.say(f"The physics failed: {type(error).__name__}: {error}")
 
     def _prepare(self) -> None:
         self._trial = TrialCell(self._workpiece, self._gripper)

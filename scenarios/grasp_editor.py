@@ -19,7 +19,7 @@ from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint
 from scenarios.grasp_document import Conflict, GraspDocument, begun_point
-from scenarios.grasp_geometry import Plane, SnapTargets, fields_of, mirrored, squared
+from scenarios.grasp_geometry import Plane, SnapTargets, fields_of, frame_of, mirrored, squared
 from scenarios.grasp_panel import CAD, GREEN, HINTS, Panel
 from scenarios.grasp_scene import EditorScene
 from scenarios.grasp_tries import GraspTries
@@ -244,7 +244,7 @@ class GraspEditor:
 
     def _moved(self, T_part_grip: Array, phase: str) -> None:
         assert self.point is not None
-        fields = fields_of(self._targets.snap(T_part_grip, self._panel.snapping))
+        fields = fields_of(self._targets.snap(T_part_grip, self._panel.snapping, frame_of(self.point)))
         if phase == "end":
             if self._guarded(lambda: self.document.change(self.selected, fields)):
                 self._panel.hint.content = HINTS["try"]

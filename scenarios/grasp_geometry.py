@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +18,7 @@ NEAR = 0.002  # [m] within which a position snaps
 ALIGN_DEG = 12.0  # within which a direction snaps
 SHARP_DEG = 30.0  # between two triangles that meet in an edge
 EDGE_STEP = 0.001  # [m] between points of an edge
+STILL = 1e-5  # [m, and of directions] that is no movement
 SAMPLES = 8000
 MIRRORED = 3e-4  # [m] that a mirrored point may be off the surface
 AXES = ("x", "y", "z")
@@ -65,29 +66,43 @@ class SnapTargets:
             tuple(p for p in _candidates(workpiece) if _is_mirror(p, points, normals, tree)),
         )  # fmt: skip
 
-    def snap(self, T_part_grip: Array, to: Snapping) -> Array:
-        """The grip frame (4, 4), x closing and z approach, moved to what lies near; itself where nothing does."""
-        x, z, t = T_part_grip[:3, 0], T_part_grip[:3, 2], T_part_grip[:3, 3].copy()
+    def snap(self, T_part_grip: Array, to: Snapping, start: Array | None = None) -> Array:
+        """The grip frame (4, 4), x closing and z approach, moved to what lies near; itself where nothing does.
+
+        Args:
+            start: (4, 4) where the drag began: what it did not turn, or not move along a direction, stays as it was.
+        """
         planes = [
             *(self.centre_planes if to.centre_planes else ()),
             *(self.symmetry_planes if to.symmetry_planes else ()),
         ]
+        t = T_part_grip[:3, 3].copy()
+        x, z = T_part_grip[:3, 0], T_part_grip[:3, 2]
+        if start is None or np.abs(T_part_grip[:3, :3] - start[:3, :3]).max() > STILL:
+            x, z = self._snapped_directions(t, x, z, to, planes)
+        way = np.full(3, np.inf) if start is None else t - start[:3, 3]
+        for plane in planes:
+            n = np.asarray(plane.normal)
+            off = float(t @ n) - plane.offset
+            if abs(off) < NEAR and (start is None or abs(way @ n) > STILL):
+                t -= off * n
+        if to.edges and len(self.edges) and np.abs(way).max() > STILL:
+            nearest = self.edges[int(np.argmin(np.linalg.norm(self.edges - t, axis=1)))]
+            t = nearest if np.linalg.norm(nearest - t) < NEAR else t
+        return grip_frame(t, z, x)
+
+    def _snapped_directions(
+        self, t: Array, x: Array, z: Array, to: Snapping, planes: Sequence[Plane]
+    ) -> tuple[Array, Array]:
+        """Closing and approach (3,) turned to normals of the surface, of planes, and to edges."""
         directions = [np.asarray(p.normal) for p in planes]
-        if to.edges and len(self.edges):
+        if to.edges:
             directions += list(self.edge_directions)
         if to.normals:
             x = _aligned(x, self._normals_along(t, x))
         x = _aligned(x, directions)
         z = _aligned(z - (z @ x) * x, directions)
-        z = z - (z @ x) * x
-        for plane in planes:
-            off = float(t @ plane.normal) - plane.offset
-            if abs(off) < NEAR:
-                t -= off * np.asarray(plane.normal)
-        if to.edges and len(self.edges):
-            nearest = self.edges[int(np.argmin(np.linalg.norm(self.edges - t, axis=1)))]
-            t = nearest if np.linalg.norm(nearest - t) < NEAR else t
-        return grip_frame(t, z, x)
+        return x, z - (z @ x) * x
 
     def _normals_along(self, centre: Array, closing: Array) -> list[Array]:
         """Normals of the surface nearest to where the closing line leaves the workpiece on either side."""

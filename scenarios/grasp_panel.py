@@ -46,7 +46,7 @@ class Panel:
     def __init__(self, gui: Any, title: str, planes: Sequence[Plane], actions: Actions) -> None:
         self._gui, self._actions = gui, actions
         self._planes = {plane.name: plane for plane in planes}
-        gui.add_markdown(f"## {title}")
+        gui.add_markdown(f"#### {title}")
         self.hint = gui.add_markdown(HINTS["choose"])
         self._banner = gui.add_markdown("", visible=False)
         with gui.add_folder("The file was changed by another program", visible=False) as self._conflict:

@@ -59,6 +59,7 @@ class EditorScene:
         self._ghosts: Any = None
         self._grasps: list[Any] = []
         self._film: list[Any] = []
+        self._views: dict[int, tuple[Array, Array]] = {}
         self._film_tool: Any = None
         self._film_fingers: list[Any] = []
         self.show_bodies, self.show_others, self.show_ghosts = False, True, True
@@ -148,7 +149,9 @@ class EditorScene:
         self._film = []
         self._part.visible = outcome is None
         if outcome is None or outcome.film is None:
+            self._look_back()
             return
+        self._look_at(outcome.film.Ts_world_tool[:, :3, 3])
         scene, mesh = self._server.scene, self._workpiece.mesh
         self._floor.visible = outcome.bin is None
         if outcome.bin is not None:
@@ -169,6 +172,22 @@ class EditorScene:
         shell = scene.add_mesh_simple("/film/tool/body", body.vertices, body.faces, color=BODY, opacity=0.5)
         self._film_fingers = _add_fingers(scene, "/film/tool", self._gripper, (216, 108, 50), None)
         self._film += [*self._film_parts, shell, *self._film_fingers, self._film_tool]
+
+    def _look_at(self, path: Array) -> None:
+        """Turn every camera to where the tool goes, (n, 3) [m]."""
+        middle, far = (path.min(axis=0) + path.max(axis=0)) / 2, float(np.ptp(path, axis=0).max()) + 2 * self._size
+        for client in self._server.get_clients().values():
+            camera = client.camera
+            if camera.update_timestamp == 0:
+                continue  # has not said yet where it is
+            self._views.setdefault(client.client_id, (camera.position, camera.look_at))
+            camera.position, camera.look_at = middle + far * np.array([0.55, -0.85, 0.45]), middle
+
+    def _look_back(self) -> None:
+        """Every camera to where its user had it."""
+        for client in self._server.get_clients().values():
+            if client.client_id in self._views:
+                client.camera.position, client.camera.look_at = self._views.pop(client.client_id)
 
     def film_to(self, outcome: Outcome, frame: int) -> None:
         """Show one frame of the film."""

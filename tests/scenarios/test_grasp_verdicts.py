@@ -189,6 +189,9 @@ def test_snapping_is_to_what_is_near_and_to_nothing_else() -> None:
     np.testing.assert_allclose(planes[:3, :3], square[:3, :3], atol=1e-9)
     at_edge = grip_frame(np.array([0.0295, 0.0093, 0.0]), np.array([0, 0.1, -1.0]), np.array([1.0, 0, 0]))
     np.testing.assert_allclose(targets.snap(at_edge, replace(ONLY, edges=True))[:2, 3], (0.03, 0.01), atol=1e-6)
+    moved = T @ make_transform(t=(0.0, 0.0, 0.0005))  # along the approach alone
+    slid = targets.snap(moved, Snapping(), T)
+    np.testing.assert_allclose(slid[:3, :3], T[:3, :3], atol=1e-12)
     again = targets.snap(snapped, Snapping())
     np.testing.assert_allclose(targets.snap(again, Snapping()), again, atol=1e-9)  # it settles
 

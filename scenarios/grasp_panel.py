@@ -16,7 +16,7 @@ SLIPS = 2e-3  # [m] in the hand from which a grasp that held is worth a warning
 CAD = "as in the CAD"
 EVERYWHERE, HEAP = "everywhere", "in a heap"
 HINTS = {
-    "choose": "**1. Choose** a grasp in the list or click its gripper. Then drag the arrows and rings at it.",
+    "choose": "**1. Choose** a grasp in the list or click its ball. Then drag the arrows and rings at it.",
     "drag": "**2. Look at the verdict** below while you drag. Green is good. *Fit* puts the pads where the part is.",
     "try": "**3. Try it** in the physics (tab *Try*), free on a table and in a heap.",
     "tried": "**4. Save** (tab *Save*): you see what changes in the file before it is written.",

@@ -97,7 +97,7 @@ class EditorScene:
         self._floor.visible = T_world_part is not None
 
     def draw_grasps(self, points: Sequence[GraspPoint], selected: int) -> None:
-        """Every other grasp with the gripper at its opening; a click selects it."""
+        """Every other grasp with the gripper at its opening, and a ball to click at the root of its fingers."""
         for handle in self._grasps:
             handle.remove()
         self._grasps = []
@@ -109,8 +109,15 @@ class EditorScene:
                 f"/part/grasps/{i}", mesh.vertices, mesh.faces, color=OTHER if point.enabled else OFF,
                 opacity=0.3 if point.enabled else 0.12, **pose_of(first_pose(point)),
             )  # fmt: skip
-            handle.on_click(lambda _, i=i: self._clicked(i))
             self._grasps.append(handle)
+            # only what can be clicked keeps the mouse from the handle, so the fingers cannot
+            length = _finger_length(self._gripper)
+            ball = self._server.scene.add_icosphere(
+                f"/part/balls/{i}", 0.03 * self._size, color=OTHER if point.enabled else OFF,
+                position=(first_pose(point) @ (0.0, 0.0, -length, 1.0))[:3],
+            )  # fmt: skip
+            ball.on_click(lambda _, i=i: self._clicked(i))
+            self._grasps.append(ball)
 
     def draw_selected(self, point: GraspPoint, good: bool, with_handle: bool) -> None:
         """The grasp that is being edited, its ghosts, and where wanted the handle at it."""
@@ -208,6 +215,11 @@ def handle_pose(handle: Any) -> Array:
     T = trimesh.transformations.quaternion_matrix((w, x, y, z))
     T[:3, 3] = handle.position
     return np.asarray(T)
+
+
+def _finger_length(gripper: Gripper) -> float:
+    """[m] of fingers, cups or magnets along the approach."""
+    return float(gripper.finger_boxes(0.0)[0].size[2])
 
 
 def _shift(link: ToolLink, opening: float) -> tuple[float, float, float]:

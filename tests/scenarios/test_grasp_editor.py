@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from cell.frames import make_transform
+from cell.frames import from_quat_xyzw, make_transform
 from cell.gripper import load_gripper
 from cell.workpiece import load_workpiece
 from grasping.grasp_points import read_table
@@ -143,9 +143,14 @@ def open_tab(browser: Browser, title: str) -> None:
     """Bring a tab to the front; it listens to the mouse, not to clicks by script."""
     tab = f"document.querySelector('[role=tab][title={title}]')"
     browser.until(tab, PATIENCE)
-    x, y = browser.run(f"(() => {{ const r = {tab}.getBoundingClientRect(); return [r.x + r.width / 2, r.y + 8]; }})()")
-    browser.click(x, y)
-    browser.until(f"{tab}.ariaSelected === 'true'", PATIENCE)
+    place = f"(() => {{ const r = {tab}.getBoundingClientRect(); return [r.x + r.width / 2, r.y + 8]; }})()"
+
+    def selected() -> bool:
+        browser.click(*browser.run(place))  # again where the page has just moved it
+        time.sleep(1.0)
+        return bool(browser.run(f"{tab}.ariaSelected === 'true'"))
+
+    soon(selected)
 
 
 def write(browser: Browser, label: str, value: Any) -> None:
@@ -163,12 +168,38 @@ def write(browser: Browser, label: str, value: Any) -> None:
     )
 
 
+def drag_handle(browser: Browser, editor: GraspEditor, axis: int) -> None:
+    """Drag the handle by the mouse along one of its arrows, outwards."""
+    camera = next(iter(editor._server.get_clients().values())).camera
+    R = from_quat_xyzw((0, 0, 0), np.roll(camera.wxyz, -1))[:3, :3]
+    f = camera.image_height / 2 / np.tan(camera.fov / 2)
+
+    def pixel(point: np.ndarray) -> tuple[float, float]:
+        x, y, z = R.T @ (point - camera.position)
+        return camera.image_width / 2 + f * x / z, camera.image_height / 2 + f * y / z
+
+    T, arrow = frame_of(editor.document.points[0]), editor._scene.handle.scale
+    stops = [pixel(T[:3, 3] + share * arrow * T[:3, axis]) for share in (0.7, 0.8, 0.9, 1.0)]
+    for k, (x, y) in enumerate(stops):
+        browser.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="left", buttons=int(k > 0))
+        time.sleep(1.0)
+        if k == 0:
+            browser.send("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, button="left", clickCount=1)
+            time.sleep(1.0)
+    browser.send("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left", clickCount=1)
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_open_move_try_save_reopen_in_a_browser(editor: GraspEditor, table: Path, tmp_path: Path) -> None:
     comments = [line.partition("#")[2] for line in table.read_text().splitlines() if "#" in line]
     with Browser(tmp_path, 800, 600) as browser:
         browser.open(editor.url)
         browser.until("document.body.innerText.includes('of its 234 poses 234 leave the gripper room')", PATIENCE)
+        browser.picture(tmp_path / "page.png")  # once it is drawn, the mouse finds something
+        drag_handle(browser, editor, 1)
+        soon(lambda: editor.document.changed)
+        dragged = np.subtract(editor.document.points[0].centre, (0.007, 0.0, -0.0045))
+        assert dragged[0] > 0.003 and abs(dragged[1]) < 1e-5 and abs(dragged[2]) < 1e-5  # along its arrow alone
         open_tab(browser, "Fields")
         write(browser, "name", "from_the_top")
         write(browser, "centre [mm]", "9")

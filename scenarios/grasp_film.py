@@ -9,6 +9,7 @@ import numpy as np
 
 from cell.arm import Arm
 from cell.bin import Bin
+from cell.errors import SimulationError
 from cell.frames import Array, apply, invert
 from cell.observe import Snapshot, observe
 from cell.settle import fill_bin
@@ -25,6 +26,7 @@ from scenarios.scenario import Scenario
 
 PERIOD = 0.02  # [s] between two frames
 NEIGHBOURS = 12  # workpieces in the heap
+FILLS = 5
 HEAP_SAMPLES = 3000  # of the surface of each neighbour
 STILL = 2e-4  # [m] that the tool has moved when the lift has begun
 
@@ -110,14 +112,7 @@ class HeapCell:
     def __init__(self, workpiece: Workpiece, gripper: Gripper, seed: int = 0) -> None:
         self.workpiece, self.gripper = workpiece, gripper
         self.bin = small_bin(workpiece)
-        world = World()
-        try:
-            for box in self.bin.boxes():
-                world.add_box(box)
-            fill_bin(world, workpiece, self.bin, NEIGHBOURS, np.random.default_rng(seed))
-            self.truth: Snapshot = observe(world, [self.bin])
-        finally:
-            world.close()
+        self.truth: Snapshot = _settled(workpiece, self.bin, seed)
         scenario = Scenario(name="heap", workpiece=workpiece.name)
         self._rehearsal = Rehearsal(scenario, workpiece, gripper, self.bin, self.bin.boxes())
         self._rehearsal.put_back(self.truth)
@@ -141,7 +136,7 @@ class HeapCell:
         return Outcome(held, reasons[0], slip, film, part, self.bin)
 
     def _best(self, point: GraspPoint) -> GraspCandidate | str:
-        """The best candidate of all workpieces in the heap, or how many of its poses what rules out."""
+        """The best candidate of all workpieces in the heap, or what rules most of the poses out."""
         inside = self.truth.parts_in(self.bin.name)
         poses = expand((point.model_copy(update={"enabled": True}),), self.workpiece)
         found: list[GraspCandidate] = []
@@ -159,17 +154,40 @@ class HeapCell:
                 counts[verdict] = counts.get(verdict, 0) + n
         if found:
             return max(found, key=lambda c: c.rank)
-        most = sorted(counts, key=lambda verdict: -counts[verdict])
-        return ", ".join(f"{verdict} {counts[verdict]}" for verdict in most) or "no workpiece in the heap"
+        most, all_poses = sorted(counts, key=lambda verdict: -counts[verdict]), sum(counts.values())
+        shares = [f"{verdict} {100 * counts[verdict] / all_poses:.0f} %" for verdict in most[:2]]
+        return ", ".join(shares) or "no workpiece in the heap"
 
 
 def small_bin(workpiece: Workpiece) -> Bin:
-    """A bin in which NEIGHBOURS workpieces make a heap of about two layers, deep enough to keep them."""
+    """A bin as full as that of training, with walls half as high: they are nearer than in a real one."""
     heap, few = workpiece.heap, NEIGHBOURS / max(workpiece.heap.count[1], NEIGHBOURS)
     longest = 1.15 * float(np.linalg.norm(workpiece.extents))
     x, y, z = heap.bin_inner
     shrink = np.sqrt(few)
-    return Bin("bin", (max(x * shrink, min(longest, x)), max(y * shrink, min(longest, y)), z), 0.005, (0.0, 0.0, 0.01))
+    size = (float(max(x * shrink, min(longest, x))), float(max(y * shrink, min(longest, y))), z / 2)
+    return Bin("bin", size, 0.005, (0.0, 0.0, 0.01))
+
+
+def _settled(workpiece: Workpiece, bin: Bin, seed: int) -> Snapshot:
+    """A heap at rest; a fill in which something keeps rocking is thrown away, as in an episode.
+
+    Raises:
+        SimulationError: none of FILLS fills comes to rest.
+    """
+    for k in range(FILLS):
+        world = World()
+        try:
+            for box in bin.boxes():
+                world.add_box(box)
+            fill_bin(world, workpiece, bin, NEIGHBOURS, np.random.default_rng((seed, k)))
+            return observe(world, [bin])
+        except SimulationError:
+            if k == FILLS - 1:
+                raise
+        finally:
+            world.close()
+    raise AssertionError
 
 
 def _of(candidate: GraspCandidate, part: int, height: float) -> GraspCandidate:

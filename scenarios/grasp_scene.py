@@ -59,6 +59,7 @@ class EditorScene:
         self._ghosts: Any = None
         self._grasps: list[Any] = []
         self._film: list[Any] = []
+        self._lying = False
         self._views: dict[int, tuple[Array, Array]] = {}
         self._film_tool: Any = None
         self._film_fingers: list[Any] = []
@@ -94,7 +95,7 @@ class EditorScene:
     def lie(self, T_world_part: Array | None) -> None:
         """Show the workpiece as it lies at T_world_part (4, 4), on a floor; None for the CAD frame."""
         move(self._part, np.eye(4) if T_world_part is None else T_world_part)
-        self._floor.visible = T_world_part is not None
+        self._lying = self._floor.visible = T_world_part is not None
 
     def draw_grasps(self, points: Sequence[GraspPoint], selected: int) -> None:
         """Every other grasp with the gripper at its opening, and a ball to click at the root of its fingers."""
@@ -156,6 +157,7 @@ class EditorScene:
         self._film = []
         self._part.visible = outcome is None
         if outcome is None or outcome.film is None:
+            self._floor.visible = self._lying
             self._look_back()
             return
         self._look_at(outcome.film.Ts_world_tool[:, :3, 3])

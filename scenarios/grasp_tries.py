@@ -128,8 +128,10 @@ class GraspTries:
     def film_of(self, where: str) -> None:
         """Run the film of one place."""
         with self._lock:
-            self.stage(self._outcomes.get(where))
-            self._playing = self._shown is not None
+            outcome = self._outcomes.get(where)
+            if outcome is not None and outcome.film is not None:
+                self.stage(outcome)
+                self._playing = True
 
     def film_at(self, seconds: float) -> None:
         """Show the film at a time."""

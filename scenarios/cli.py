@@ -24,7 +24,7 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "index": "one page over many runs, with the trend of the rate",
     "replay": "one attempt in 3-D in the browser, or as a film",
     "export-program": "the motion of one attempt as a Fanuc TP program (.LS)",
-    "grasps": "check, propose, import and export the grasp points of a workpiece",
+    "grasps": "edit, check, propose, import and export the grasp points of a workpiece",
     "compare": "compare two campaigns over the same bins",
     "baseline": "write a small JSON file that a gate compares with",
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",

@@ -1,10 +1,12 @@
-"""`pickproof grasps ...`: grasp points of a workpiece checked, proposed, imported and exported."""
+"""`pickproof grasps ...`: grasp points of a workpiece edited, checked, proposed, imported and exported."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import secrets
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,14 +14,17 @@ import numpy as np
 import yaml
 from rich.console import Console
 
+from cell.config import read_yaml
 from cell.errors import InputError
 from cell.frames import Array, from_rpy
 from cell.gripper import load_gripper
 from cell.workpiece import load_workpiece
 from grasping.grasp_points import GraspPoint, GraspTable, load_grasps
 from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
+from scenarios.arguments import integer
 
 GRIPPER = "jaw_v1"
+HOST = "127.0.0.1"
 SIX = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
 
 
@@ -46,6 +51,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     sampling.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
     sampling.set_defaults(run=_sample)
+    editing = commands.add_parser("edit", help="move, judge, try and save grasps on a page in the browser")
+    editing.add_argument("workpiece", metavar="WORKPIECE")
+    editing.add_argument("--gripper", metavar="G", help="default: that of the workpiece's grasps.yaml")
+    editing.add_argument("--grasps", type=Path, metavar="FILE", help="default: the workpiece's grasps.yaml")
+    editing.add_argument("--port", type=integer(0, 65535), default=8080, help="of the page (default 8080)")
+    editing.add_argument(
+        "--host", default=HOST, metavar="H", help=f"address to listen on (default {HOST}); others need the token"
+    )
+    editing.add_argument("--token", metavar="T", help="of the page on another --host; default: drawn at random")
+    editing.set_defaults(run=_edit)
     for command in (importing, exporting, checking, sampling):
         command.add_argument("--gripper", default=GRIPPER, metavar="G", help=f"default {GRIPPER}")
     for command in (importing, exporting):
@@ -96,6 +111,33 @@ def _check(args: argparse.Namespace) -> int:
     else:
         Console().print(check_table(rows, resting))
     return 0
+
+
+def _edit(args: argparse.Namespace) -> int:
+    from scenarios.grasp_editor import GraspEditor
+
+    workpiece = load_workpiece(args.workpiece)
+    path = args.grasps or workpiece.folder / "grasps.yaml"
+    gripper = load_gripper(args.gripper or _gripper_of(path))
+    token = args.token or (None if args.host == HOST else secrets.token_urlsafe(16))
+    editor = GraspEditor(workpiece, gripper, path, args.port, args.host, token)
+    Console().print(f"editing {path}\nopen {editor.url} in a browser; Ctrl-C ends", soft_wrap=True)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        unsaved = editor.document.changed
+        editor.close()
+        if unsaved:
+            print(f"pickproof: changes of {path} were not saved", file=sys.stderr)
+    return 0
+
+
+def _gripper_of(path: Path) -> str:
+    """The gripper that a table is for, as far as the table can be read."""
+    try:
+        return str(read_yaml(path).get("gripper", GRIPPER))
+    except InputError:
+        return GRIPPER  # the page says what is wrong with the file
 
 
 def _sample(args: argparse.Namespace) -> int:

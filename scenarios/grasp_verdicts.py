@@ -14,7 +14,7 @@ import numpy as np
 
 from cell.bin import Box
 from cell.errors import InputError
-from cell.frames import Array, apply, invert
+from cell.frames import Array, apply, invert, make_transform
 from cell.jaw import ParallelJaw
 from cell.pads import PadGripper
 from cell.pieces import CollisionBox, covering_boxes
@@ -67,15 +67,21 @@ class GraspJudge:
 
     def judge(self, point: GraspPoint) -> GraspVerdict:
         """The pose that the grasp point wants most."""
-        return self.judge_pose(first_pose(point), opening(point), point.approach_distance)
+        return self.judge_pose(first_pose(point), opening(point), point.approach_distance, point.depths[0])
 
-    def judge_pose(self, T_part_tool: Array, opening: float, before: float = 0.0) -> GraspVerdict:
-        """One pose of the tool with the pads `opening` [m] apart, come to on a straight line of `before` [m]."""
+    def judge_pose(
+        self, T_part_tool: Array, opening: float, before: float = 0.0, pressed: float = 0.0
+    ) -> GraspVerdict:
+        """One pose of the tool with the pads `opening` [m] apart, come to on a straight line of `before` [m].
+
+        Cups and magnets are pressed on by `pressed` [m] beyond where they touch.
+        """
         T = invert(T_part_tool)
         hits = self._hits(T, opening, before)
         com = apply(T, self.workpiece.com[None])[0]
         if isinstance(self.gripper, PadGripper):
-            use = worst_use(self.workpiece, self.gripper, T_part_tool)
+            lips = T_part_tool @ make_transform(t=(0.0, 0.0, -pressed))  # where they meet the surface
+            use = worst_use(self.workpiece, self.gripper, lips)
             return GraspVerdict(hits, np.inf, 0.0, (), (), float(np.hypot(com[0], com[1])), use)
         assert isinstance(self.gripper, ParallelJaw)
         sides = [self._touch(T, opening, side) for side in (-1.0, 1.0)]

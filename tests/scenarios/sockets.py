@@ -16,8 +16,10 @@ def listening() -> set[str]:
     """ADDRESS:PORT of all sockets that listen, in hexadecimal."""
     mine = set()
     for pid in (os.getpid(), *descendants(os.getpid())):
-        with suppress(OSError):  # it has ended
-            mine |= {str(fd.readlink()) for fd in Path(f"/proc/{pid}/fd").iterdir()}
+        with suppress(OSError):  # the process has ended
+            for fd in list(Path(f"/proc/{pid}/fd").iterdir()):
+                with suppress(OSError):  # closed meanwhile
+                    mine.add(str(fd.readlink()))
     lines = [line.split() for kind in ("tcp", "tcp6") for line in Path(f"/proc/net/{kind}").read_text().splitlines()]
     return {words[1] for words in lines if words[3] == "0A" and f"socket:[{words[9]}]" in mine}
 

@@ -69,9 +69,7 @@ class GraspJudge:
         """The pose that the grasp point wants most."""
         return self.judge_pose(first_pose(point), opening(point), point.approach_distance, point.depths[0])
 
-    def judge_pose(
-        self, T_part_tool: Array, opening: float, before: float = 0.0, pressed: float = 0.0
-    ) -> GraspVerdict:
+    def judge_pose(self, T_part_tool: Array, opening: float, before: float = 0.0, pressed: float = 0.0) -> GraspVerdict:
         """One pose of the tool with the pads `opening` [m] apart, come to on a straight line of `before` [m].
 
         Cups and magnets are pressed on by `pressed` [m] beyond where they touch.

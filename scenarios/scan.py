@@ -113,7 +113,10 @@ class Scan:
         """
         field, low = self.field, np.array([self.field.x0, self.field.y0])
         rest = np.full_like(field.heights, self.floor)
-        raise_to(rest, without_workpiece(self.points, T_world_part, workpiece), low, GRID)
+        reach = float(np.linalg.norm(workpiece.extents))  # its origin is within its bounding box
+        near = (np.abs(self.points - T_world_part[:3, 3]) < reach).all(axis=1)
+        raise_to(rest, self.points[~near], low, GRID)
+        raise_to(rest, without_workpiece(self.points[near], T_world_part, workpiece), low, GRID)
         surface = apply(T_world_part, workpiece.sample_surface(UNDERSIDE_SAMPLES, seed=5)[0])
         under = np.full_like(field.heights, np.inf)
         _lower(under, surface, low)

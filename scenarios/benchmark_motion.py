@@ -28,9 +28,12 @@ from robots.collision import CollisionScene
 from robots.inverse import inverse
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
+from scenarios.choose import choose
+from scenarios.decide import Decision, decide
 from scenarios.episode import oracle_perception
+from scenarios.memory import Memory
 from scenarios.move import release_opening
-from scenarios.pick import Decision, Memory, choose, decide, request_of
+from scenarios.planners import request_of
 from scenarios.scan import Scan
 from scenarios.scenario import Scenario, load_scenario
 from scenarios.workcell import Workcell

@@ -10,8 +10,10 @@ import numpy as np
 
 from cell.camera import DepthFrame
 from cell.workpiece import load_workpiece
+from scenarios.choose import Estimates
 from scenarios.job import Job
-from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
+from scenarios.memory import Memory
+from scenarios.pick import Perceive, attempt_pick
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
 from scenarios.tape import Tape
 from scenarios.workcell import SOURCE, Workcell

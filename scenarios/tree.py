@@ -14,7 +14,8 @@ from robots.failure import Cause, PlanFailure, Stage
 from scenarios.workcell import SOURCE
 
 if TYPE_CHECKING:
-    from scenarios.pick import Decision, Estimates
+    from scenarios.choose import Estimates
+    from scenarios.decide import Decision
 
 
 @dataclass(frozen=True)

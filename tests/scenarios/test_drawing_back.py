@@ -13,9 +13,12 @@ from cell.frames import Array, make_transform
 from grasping.verdict import CHOSEN
 from robots.model import forward
 from robots.plan import PickPlan
+from scenarios.choose import choose
+from scenarios.decide import Decision, decide
 from scenarios.episode import oracle_perception
+from scenarios.memory import Memory
 from scenarios.move import move
-from scenarios.pick import Decision, Memory, attempt_pick, choose, decide
+from scenarios.pick import attempt_pick
 from scenarios.records import Reason
 from scenarios.retreat import recover
 from scenarios.scenario import load_scenario

@@ -10,10 +10,12 @@ import pytest
 
 from cell.frames import apply, invert, make_transform
 from grasping.candidates import GraspCandidate
+from scenarios.choose import choose
 from scenarios.episode import oracle_perception, run_episode
 from scenarios.gantry import gantry_joints, gantry_line
 from scenarios.job import Job
-from scenarios.pick import Memory, attempt_pick, choose
+from scenarios.memory import Memory
+from scenarios.pick import attempt_pick
 from scenarios.records import AttemptRecord
 from scenarios.scan import scene_points, true_points
 from scenarios.scenario import load_scenario

@@ -15,8 +15,9 @@ from grasping.clearance import OpenGripper
 from grasping.grasp_points import GraspPoses, load_grasps
 from perception.metrics import rotation_error
 from scenarios.episode import oracle_perception
+from scenarios.memory import Memory
 from scenarios.pattern import HOVER, PatternPlan
-from scenarios.pick import Memory, attempt_pick
+from scenarios.pick import attempt_pick
 from scenarios.place import MAX_LEAN
 from scenarios.place_config import PatternPlace
 from scenarios.placing import check_room, place_of

@@ -10,9 +10,12 @@ from scipy.spatial import cKDTree
 
 from cell.frames import Array, apply, invert, make_transform
 from grasping.candidates import Selection
+from scenarios.choose import Estimates, choose
+from scenarios.decide import decide
 from scenarios.episode import oracle_perception
+from scenarios.memory import AVOID_RADIUS, Memory
 from scenarios.move import release_opening
-from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide
+from scenarios.pick import Perceive, attempt_pick
 from scenarios.records import Reason
 from scenarios.scan import BIN_MARGIN, GRID, Scan, scene_points
 from scenarios.scenario import load_scenario

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from cell.camera import DepthFrame
+from scenarios.choose import Estimates, choose
 from scenarios.episode import oracle_perception
-from scenarios.pick import Estimates, Memory, choose
+from scenarios.memory import Memory
 from scenarios.pictures import CHOSEN, OTHERS, TOOL, depth_picture, png, snap
 from scenarios.scenario import load_scenario
 from scenarios.workcell import Workcell

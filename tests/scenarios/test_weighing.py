@@ -14,9 +14,12 @@ from grasping.candidates import GraspCandidate, Selection
 from grasping.ranking import GraspingConfig
 from robots.inverse import inverse
 from robots.timing import rest_to_rest
+from scenarios.choose import choose
+from scenarios.decide import decide
 from scenarios.episode import oracle_perception
+from scenarios.memory import Memory
 from scenarios.motion_rank import LONGEST, with_motion
-from scenarios.pick import Memory, attempt_pick, choose, decide
+from scenarios.pick import attempt_pick
 from scenarios.records import Reason
 from scenarios.scenario import load_scenario
 from scenarios.workcell import SOURCE, Workcell

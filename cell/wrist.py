@@ -1,8 +1,8 @@
 """A force sensor between flange and gripper: what hangs on the arm at rest, without looking at what it is.
 
-Of a jaw it is worked out from the contact forces on the gripper, which at rest is in balance: PyBullet's own reaction
-at the joint leaves out part of what the fingers' motors and their gear press on each other, up to 40 N along the
-closing direction. Of cups and magnets it is that reaction.
+Of a jaw it is worked out from the contact forces on the gripper, which at rest is in balance: in one firm grip of a
+bolt of 12.4 N PyBullet's own reaction at the joint read 40 N along the closing direction, the contacts 12.3 N. Of cups
+and magnets it is that reaction.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from cell.frames import Array, about_axis, apply, make_transform
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper
+from scenarios.offers import Offers
 from scenarios.slots import Slots, slots_in
 
 DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
@@ -23,17 +24,14 @@ ABOVE = 0.02  # [m] of the line down to a place over the rim, and over what stan
 
 
 @dataclass
-class PlacePlan:
+class PlacePlan(Offers):
     """Slots in the place bin, filled layer by layer; what was put where is remembered, not measured.
 
     Attributes:
         count: workpieces that are to find a place.
         slots: where they may lie.
-        used: workpieces released over each slot.
-        passed: how often each slot was offered and no motion to it was found; others come first then.
         rests: (r, 3, 3) rotations of the CAD in which it is likely to lie on a plane, z up.
-        offered: (k,) slot of each pose that `tool_poses` returned last.
-        leaning: (k,) whether each of them lets the workpiece go as it will not lie.
+        leaning: (k,) whether each pose that `tool_poses` returned last lets the workpiece go as it will not lie.
         tight: (k,) whether the jaws, opened all the way, would meet a wall there: for a wider next grasp the arm, which
             waits at the place, could not leave it.
     """
@@ -43,18 +41,14 @@ class PlacePlan:
     gripper: Gripper
     count: int = 1
     slots: Slots = field(init=False)
-    used: list[int] = field(init=False)
-    passed: list[int] = field(init=False)
     rests: Array = field(init=False)
-    offered: np.ndarray = field(init=False)
     leaning: np.ndarray = field(init=False)
     tight: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         self.slots = slots_in(self.bin, self.workpiece, self.count)
-        self.used, self.passed = [0] * len(self.slots.centres), [0] * len(self.slots.centres)
-        self.offered, self.leaning = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
-        self.tight = np.zeros(0, dtype=bool)
+        self._none_yet(len(self.slots.centres))
+        self.leaning = self.tight = np.zeros(0, dtype=bool)
         self._widest = OpenGripper.of(self.gripper.boxes(self.gripper.max_opening))
         self.rests = likely_rests(self.workpiece)
 
@@ -128,15 +122,6 @@ class PlacePlan:
         """Of each pose in the last `tool_poses`: with room first, then flat ones, then emptier slots."""
         used, more = np.array(self.used)[self.offered], max(self.used) + 1
         return tuple(int(r) for r in 2 * more * self.tight + more * self.leaning + used)
-
-    def fill(self, pose: int) -> None:
-        """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""
-        self.used[self.offered[pose]] += 1
-
-    def pass_over(self) -> None:
-        """Offer other slots next time: no motion led to those of the last `tool_poses`."""
-        for slot in np.unique(self.offered):
-            self.passed[slot] += 1
 
     def room(self, T_world_tool: Array, opening: float) -> bool:
         """Whether the gripper, `opening` [m] open, keeps off the bin at a TCP pose."""

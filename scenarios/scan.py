@@ -9,6 +9,7 @@ import numpy as np
 
 from cell.camera import DepthFrame
 from cell.frames import Array, apply, invert
+from cell.point import moved
 from cell.workpiece import Workpiece
 from grasping.clearance import without_workpiece
 from robots.collision import HeightField
@@ -43,25 +44,15 @@ def _points_inside(depth, pinhole, T_world_camera, T_bin_world, room):  # type: 
     """Points (n, 3) in the world of all pixels with SUPPORT of their neighbours whose point is in a box of the bin."""
     h, w = depth.shape
     points, n = np.empty((h * w, 3)), 0
-    camera, world = np.empty(3), np.empty(3)
     for v in range(h):
         for u in range(w):
             z = depth[v, u]
             if not z > 0.0:
                 continue
-            camera[0], camera[1], camera[2] = (u - pinhole[2]) / pinhole[0] * z, (v - pinhole[3]) / pinhole[1] * z, z
-            for k in range(3):
-                world[k] = T_world_camera[k, 3]
-                for m in range(3):
-                    world[k] += T_world_camera[k, m] * camera[m]
-            inside = True
-            for k in range(3):
-                x = T_bin_world[k, 3]
-                for m in range(3):
-                    x += T_bin_world[k, m] * world[m]
-                inside = inside and (x > room[2] if k == 2 else abs(x) < room[k])
-            if inside and supported(depth, v, u):
-                points[n] = world
+            world = moved(T_world_camera, ((u - pinhole[2]) / pinhole[0] * z, (v - pinhole[3]) / pinhole[1] * z, z))
+            x, y, over = moved(T_bin_world, world)
+            if abs(x) < room[0] and abs(y) < room[1] and over > room[2] and supported(depth, v, u):
+                points[n, 0], points[n, 1], points[n, 2] = world
                 n += 1
     return points[:n].copy()
 

@@ -27,6 +27,7 @@ Mode = Literal["transit", "contact", "depart", "leave"]
 Ground = tuple[coal.CollisionGeometry, pin.SE3]
 
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
+BERTH = 0.003  # [m] kept in flight from the obstacles that are to be given a berth
 PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
 THICK = 0.25  # of the upper arm's length: radius of the links around the wrist centre; twice that around the elbow
 MAX_KNOT_STEP = 0.05  # [rad] between two joint vectors between which the travel of all points is measured
@@ -61,6 +62,8 @@ class CollisionScene:
         heightfield: the scanned pile above the bin, or None.
         start_boxes: boxes of the gripper as it is until it has left where it waits; None for `tool_boxes`.
         placed: ground of what was placed elsewhere; `placed_before`: without what was let go last.
+        berth: names of the obstacles that are kept BERTH away from in flight; arm and jaws are never quite where they
+            are commanded.
 
     Mode `transit` checks everything. So does mode `leave`, with the gripper as it waits, and mode `depart`, for the
     line away from where it waits, which ignores what it has just let go. Mode `contact`, for the last line to a grasp
@@ -77,8 +80,9 @@ class CollisionScene:
         start_boxes: Sequence[Box] | None = None,
         placed: HeightField | None = None,
         placed_before: HeightField | None = None,
+        berth: Sequence[str] = (),
     ) -> None:
-        self.robot = robot
+        self.robot, self.berth = robot, frozenset(berth)
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
         self.start_boxes = self.tool_boxes if start_boxes is None else tuple(start_boxes)
         self._placed, self._placed_before = (None if f is None else _ground(f) for f in (placed, placed_before))
@@ -253,6 +257,7 @@ class _Checker:
             k for k, p in enumerate(pairs) if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
         ]
         self._only: dict[Mode, list[int]] = {"transit": transit_only, "contact": slim_only}
+        self._berth = [k for k, p in enumerate(pairs) if {self.names[g] for g in p} & scene.berth]
         self._carried = {*tool, *part, *slim}
         self._mode: Mode | None = None
         self._margin = 0.0
@@ -292,13 +297,16 @@ class _Checker:
                 switch = data.activateCollisionPair if other == mode else data.deactivateCollisionPair
                 for k in pairs:
                     switch(k)
-            self._mode = mode
+            self._mode, self._margin = mode, -1.0
 
     def free(self, q: Array, margin: float = 0.0) -> bool:
         """Whether everything keeps more than `margin` [m] at q (6,)."""
         if margin != self._margin:
-            for request in self.geometry_data.collisionRequests:
+            requests = self.geometry_data.collisionRequests
+            for request in requests:
                 request.security_margin = margin
+            for k in self._berth if self._mode == "transit" else ():
+                requests[k].security_margin = margin + BERTH
             self._margin = margin
         return not pin.computeCollisions(self.model, self.data, self.broadphase, q, True)
 

@@ -43,9 +43,11 @@ class PickRequest:
         Ts_base_tool_place: (k, 4, 4) TCP where the part may be let go, most wanted first.
         T_flange_tool: (4, 4).
         held_tool: the part as boxes in the TCP frame.
-        approach: length of the last line [m], against the unit vector `back` in the world, None for along tool z;
-            retract: of the first line with the part, along the unit vector `retract_direction` in the world; place_height: of the vertical line down to a place pose; depart: of
-            the vertical line away from q_start, 0 for none.
+        approach: length of the last line to the grasp [m]; back: its direction, from the grasp, a unit vector in the
+            world, None for against tool z.
+        retract: length of the first line with the part [m]; retract_direction: a unit vector in the world.
+        place_height: of the vertical line down to a place pose [m]; depart: of the vertical line away from q_start, 0
+            for none.
         straight: length that is kept straight of each of these lines where the rest of it may be rounded into the
             flight without a touch [m]; None for the whole lines. straight_place: the same of the lines at the place;
             None for as much as at the grasp.

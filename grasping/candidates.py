@@ -23,8 +23,8 @@ INTRUDERS = 4  # thinned points between the fingers that are as good as another 
 CHUNK = 24
 ESTIMATES_ENOUGH = 12
 """Once this many workpieces can be gripped, the less wanted ones are not looked at."""
-COVER_COUNTS = 3.0
-"""A workpiece of which a third lies under others is as bad as one that is buried."""
+COVER_COUNTS = 8.0
+"""A workpiece of which an eighth lies under others is as bad as one that is buried: it takes them along or jams."""
 PER_ESTIMATE = 24
 """Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
 

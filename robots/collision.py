@@ -82,7 +82,7 @@ class CollisionScene:
         placed_before: HeightField | None = None,
         berth: Sequence[str] = (),
     ) -> None:
-        self.robot, self.berth = robot, frozenset(berth)
+        self.robot, self.berth, self.wide = robot, frozenset(berth), True
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
         self.start_boxes = self.tool_boxes if start_boxes is None else tuple(start_boxes)
         self._placed, self._placed_before = (None if f is None else _ground(f) for f in (placed, placed_before))
@@ -125,6 +125,13 @@ class CollisionScene:
             yield
         finally:
             self._held = held
+
+    def give_berth(self, *ends: Array) -> None:
+        """Keep the berth in flight from now on, except where the flight begins or ends (6,) [rad] within it."""
+        free = []
+        for self.wide in (False, True):
+            free.append([self.free(q) for q in ends])
+        self.wide = free[0] == free[1]
 
     def free(self, q: Array, mode: Mode = "transit") -> bool:
         """Whether nothing touches at q (6,) in [rad]."""
@@ -207,7 +214,7 @@ class CollisionScene:
             self._checkers[state] = _Checker(self, boxes, placed, self._held, self._tolerance)
         if state == "held":
             self._checkers[state].stand_over(self._ground_held)
-        self._checkers[state].turn_to(mode)
+        self._checkers[state].turn_to(mode, self.wide)
         return self._checkers[state]
 
 
@@ -257,10 +264,10 @@ class _Checker:
             k for k, p in enumerate(pairs) if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
         ]
         self._only: dict[Mode, list[int]] = {"transit": transit_only, "contact": slim_only}
-        self._berth = [k for k, p in enumerate(pairs) if {self.names[g] for g in p} & scene.berth]
+        self._given_berth = [k for k, p in enumerate(pairs) if {self.names[g] for g in p} & scene.berth]
         self._carried = {*tool, *part, *slim}
         self._mode: Mode | None = None
-        self._margin = 0.0
+        self._margin = self._berth = 0.0
         self._sort()
 
     def takes(self, held: tuple[Box, ...], tolerance: float) -> bool:
@@ -289,15 +296,18 @@ class _Checker:
             self.model, self.geometry, self.geometry_data
         )
 
-    def turn_to(self, mode: Mode) -> None:
-        """Check the pairs of a mode."""
+    def turn_to(self, mode: Mode, wide: bool) -> None:
+        """Check the pairs of a mode, in `transit` with the berth if `wide`."""
+        berth = BERTH if wide and mode == "transit" else 0.0
+        if berth != self._berth:
+            self._berth, self._margin = berth, -1.0
         if mode != self._mode:
             for other, pairs in self._only.items():
                 data = self.geometry_data
                 switch = data.activateCollisionPair if other == mode else data.deactivateCollisionPair
                 for k in pairs:
                     switch(k)
-            self._mode, self._margin = mode, -1.0
+            self._mode = mode
 
     def free(self, q: Array, margin: float = 0.0) -> bool:
         """Whether everything keeps more than `margin` [m] at q (6,)."""
@@ -305,8 +315,8 @@ class _Checker:
             requests = self.geometry_data.collisionRequests
             for request in requests:
                 request.security_margin = margin
-            for k in self._berth if self._mode == "transit" else ():
-                requests[k].security_margin = margin + BERTH
+            for k in self._given_berth:
+                requests[k].security_margin = margin + self._berth
             self._margin = margin
         return not pin.computeCollisions(self.model, self.data, self.broadphase, q, True)
 

@@ -60,7 +60,7 @@ class PickRequest:
         tool_load, part_load: what gripper and part weigh on the flange, for the torques; None for nothing.
         held_tolerance: error of the part's estimated pose [m] that does not count as a collision on the lift's line.
         pile_without: the scanned pile once the part is out of it; None for the scan as it is, the part in it.
-        seed: of the path search, which runs only where straight moves and via points fail.
+        seed: of the path search, which runs only where straight moves and via points fail; searched: if at all.
     """
 
     q_start: Array
@@ -78,6 +78,7 @@ class PickRequest:
     carry_acceleration: float = 15.0
     held_tolerance: float = 0.005
     seed: int = 0
+    searched: bool = True
     dt: float = DT
     depart: float = 0.0
     narrowing: float = 0.0
@@ -206,7 +207,7 @@ def _plan_in_branch(
     start = _start(scene, request)
     if isinstance(start, PlanFailure):
         return start
-    approach = join(scene, start, out, request.free, request.seed, "approach")
+    approach = join(scene, start, out, request.free, request.seed, "approach", request.searched)
     if isinstance(approach, Refusal):
         return PlanFailure(Stage.APPROACH, approach, "way to the grasp")
     q, away = approach[0].q, request.depart
@@ -266,7 +267,7 @@ def _place(
         blocked.append(done)
         if done.stage == Stage.CARRY:
             unseen.append((k, place))
-    for k, place in unseen[:SEARCHED_PLACES]:
+    for k, place in unseen[: SEARCHED_PLACES if request.searched else 0]:
         done = _carry(scene, request, grasp, place, request.seed, k)
         if not isinstance(done, PlanFailure):
             return k, *done

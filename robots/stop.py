@@ -101,3 +101,9 @@ class Stop:
                 return line
         assert isinstance(line.path, Refusal)
         return line.path
+
+    @property
+    def air(self) -> Array:
+        """Joint vector (6,) at the free end of the line, as far as the arm can follow it."""
+        line = self.usable
+        return line.path.end if isinstance(line, Line) and isinstance(line.path, JointPath) else self.q

@@ -22,6 +22,8 @@ from scenarios.memory import Memory, waits_at
 from scenarios.scan import Scan, scene_points
 from scenarios.workcell import Workcell
 
+SEARCHES = 6
+"""Candidates of a decision for which a path is searched, which takes seconds; then only quick ways are tried."""
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 
 
@@ -50,7 +52,8 @@ class ArmPlanner:
             return stop
         self.planned += 1
         request = request_of(cell, candidate, self._memory, self._seed)
-        return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate)))
+        searched = self.planned <= SEARCHES
+        return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate), searched=searched))
 
     def _pile_without(self, candidate: GraspCandidate) -> HeightField:
         k = candidate.estimate

@@ -261,6 +261,10 @@ def _place(
         if isinstance(place, PlanFailure):
             blocked.append(place)
             continue
+        if request.q_end is None and place.line is not None and isinstance(place.line.path, Refusal):
+            # what comes down only the last bit straight could not leave the next time: it would hit what it let go
+            blocked.append(PlanFailure(Stage.PLACE_LINE, place.line.path, what))
+            continue
         done = _carry(scene, request, grasp, place, None, k)
         if not isinstance(done, PlanFailure):
             return k, *done

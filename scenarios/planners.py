@@ -82,7 +82,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
     places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
-    off = None if isinstance(cell.gripper, ParallelJaw) else _off(candidate.T_world_tool)
+    off = None if isinstance(cell.gripper, ParallelJaw) else _off(candidate.T_world_tool, cell.source.T_world_bin[:2, 3])
     return PickRequest(
         q_start=waits_at(cell, memory),
         q_end=None,
@@ -108,13 +108,15 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     )
 
 
-def _off(T_world_tool: Array) -> tuple[float, float, float]:
-    """Unit vector halfway between straight up and the way that a leaning tool comes from.
+def _off(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:
+    """Unit vector halfway between straight up and the way that a leaning tool comes from, where it leads inwards.
 
-    Cups and magnets hold a face, not sides: straight up would drag a face that leans on a wall along that wall, and
-    along the tool a long gripper that leans would meet the opposite one.
+    Cups and magnets hold a face, not sides: straight up would drag a workpiece that leans on a wall along that wall.
+    A tool that leans over the nearest wall, away from `middle` (2,) of the bin, comes and goes straight up.
     """
     half = np.array([0.0, 0.0, 1.0]) - T_world_tool[:3, 2]
+    if half[:2] @ (middle - T_world_tool[:2, 3]) <= 0:
+        return 0.0, 0.0, 1.0
     x, y, z = (half / np.linalg.norm(half)).tolist()
     return x, y, z
 

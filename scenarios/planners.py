@@ -82,7 +82,8 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
     places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
-    off = None if isinstance(cell.gripper, ParallelJaw) else _off(candidate.T_world_tool, cell.source.T_world_bin[:2, 3])
+    cups, middle = not isinstance(cell.gripper, ParallelJaw), cell.source.T_world_bin[:2, 3]
+    off = _off(candidate.T_world_tool, middle) if cups else None
     return PickRequest(
         q_start=waits_at(cell, memory),
         q_end=None,

@@ -18,7 +18,15 @@ from cell.errors import InputError
 from cell.frames import Array
 from cell.sensor import SensorConfig, list_presets
 from cell.workpiece import Workpiece, load_workpiece
-from perception.analysis import Instances, distances, instances_of, recall_by_visibility, right_poses
+from perception.analysis import (
+    Instances,
+    axis_errors,
+    distances,
+    instances_of,
+    recall_by_visibility,
+    right_poses,
+    spread,
+)
 from perception.calibration import reliability
 from perception.evaluation_page import Evaluation, write_page
 from perception.heap_frames import HeapFrame, Setup, perceive_seeds
@@ -43,6 +51,7 @@ class Frame:
         instances: each true instance and the verified pose nearest to it.
         pictured: what the overlay draws.
         standing_right: (s,) bool, which of the poses without a better rival are right.
+        errors: (k, 6) of the right verified poses, `axis_errors`.
     """
 
     seed: int
@@ -52,6 +61,7 @@ class Frame:
     instances: Instances
     pictured: Pictured
     standing_right: np.ndarray
+    errors: Array
 
 
 def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: int) -> Iterator[Frame]:
@@ -70,7 +80,8 @@ def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: in
         examined = heap.result.examined
         standing = np.zeros((0, 4, 4)) if examined is None else examined.Ts_camera_part[examined.standing]
         right = right_poses(standing, truth, points, workpiece)
-        yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right)
+        by_axis = axis_errors(found, truth, refined.matched, workpiece)
+        yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right, by_axis)
 
 
 def _poses(estimates: list[PoseEstimate]) -> Array:
@@ -161,6 +172,7 @@ def main_evaluate(args: argparse.Namespace) -> int:
         "tolerance_mm": 1000 * workpiece.tolerance,
         "methods": report_of(frames),
         "recall_by_visibility": recall_by_visibility(instances),
+        "axis_errors": spread(np.concatenate([f.errors for f in frames])),
         "calibration": calibration_of(frames),
     }
     (out / "evaluation.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")

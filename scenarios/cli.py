@@ -30,6 +30,7 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
     "export": "the attempts of a campaign as a Parquet file",
     "attribute": "what perception, grasp choice and motion each cost, and what to mend first",
+    "tune": "move grasp points, weights and fields until more picks succeed, proved over unseen bins",
     "sweep": "run a scenario for every combination of values",
 }
 

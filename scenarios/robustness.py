@@ -21,7 +21,7 @@ from scenarios.grasp_trial import TrialCell, try_errors
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Directions of an error: along and about the axes of the CAD, through the centre of mass."""
-KEYS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+KEYS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")  # in `axis_errors` of evaluation.json
 SIZES = {"mm": (0.5, 1.0, 2.0, 3.0, 4.0, 6.0), "deg": (1.0, 2.0, 4.0, 7.0, 10.0, 15.0)}
 TOOL_AXES = ("closing", "across", "approach")  # what x, y and z of the tool do
 

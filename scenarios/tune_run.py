@@ -14,16 +14,16 @@ from optuna.storages import JournalStorage
 
 from cell.frames import Array
 from cell.gripper import load_gripper
-from grasping.grasp_points import GraspPoint
+from grasping.grasp_points import GraspPoint, read_table
 from scenarios.campaign import run_campaign
 from scenarios.compare import Comparison, compare
 from scenarios.files import write_whole
+from scenarios.grasps import table_text
 from scenarios.paired import Outcome, changed_fields, outcomes
 from scenarios.parallel import Map
 from scenarios.pool import Runner
 from scenarios.scenario import Scenario, scenario_json, weights_used
 from scenarios.store import FILE, Store
-from scenarios.tune_files import changed_table
 from scenarios.tune_race import Finish, race
 from scenarios.tune_search import Search, Told, Trial, Values, run_searches
 from scenarios.tune_space import (
@@ -244,8 +244,7 @@ def tune_cell(
     shares = {PRIORITY + c.name: c.share[1] for c in changes}
     given = [start | {TABLE: 1}, start | {TABLE: 1} | shares] if any_moved else [start | shares] if shares else []
     # with more generations of the grasps the moved table is another one, and what is known of the old one is not used
-    table = hashlib.sha256(changed_table(plan.table, plan.points, tuned).encode()).hexdigest()[:16]
-    search = Search(journal, f"{CELL} {table}", parameters, plan.scenario.seed, given)
+    search = Search(journal, f"{CELL} {_points_hash(tuned)}", parameters, plan.scenario.seed, given)
     done = 0
 
     def outcomes_of(key: tuple[tuple[str, float], ...], n: int) -> list[Outcome]:
@@ -278,20 +277,28 @@ def run_cell(
     plan: Plan, runner: Runner, points: Sequence[GraspPoint], scenario: Scenario, episodes: int
 ) -> list[Outcome]:
     """The first episodes of a candidate; what its folder holds already is not run again."""
-    text = changed_table(plan.table, plan.points, points)
     plain = scenario_json(scenario.model_copy(update={"seed": 0, "grasps": ""}))
-    key = hashlib.sha256(f"{plain}\n{text}".encode()).hexdigest()[:16]
-    folder = plan.out / "campaigns" / key
-    return run_folder(plan, runner, folder, text, scenario, plan.scenario.seed, episodes)
+    key = hashlib.sha256(f"{plain} {_points_hash(points)}".encode()).hexdigest()[:16]
+    return run_folder(plan, runner, plan.out / "campaigns" / key, points, scenario, plan.scenario.seed, episodes)
+
+
+def _points_hash(points: Sequence[GraspPoint]) -> str:
+    return hashlib.sha256("\n".join(p.model_dump_json() for p in points).encode()).hexdigest()[:16]
 
 
 def run_folder(
-    plan: Plan, runner: Runner, folder: Path, table: str, scenario: Scenario, seed: int, episodes: int
+    plan: Plan,
+    runner: Runner,
+    folder: Path,
+    points: Sequence[GraspPoint],
+    scenario: Scenario,
+    seed: int,
+    episodes: int,
 ) -> list[Outcome]:
     """Episodes from `seed` on with grasp points of their own, in order of seed."""
     own = folder / "grasps.yaml"
     if not own.is_file():
-        write_whole(own, table)
+        write_whole(own, table_text(list(points), read_table(plan.table).gripper))
     scenario = scenario.model_copy(update={"grasps": str(own.resolve()), "seed": seed})
     there = (folder / FILE).is_file()
     if not there or _ended(folder) < episodes:
@@ -340,8 +347,7 @@ def _on_unseen_bins(
     )
     for n in [*range(plan.block, plan.holdout, plan.block), plan.holdout]:
         for name, own, cell in sides:
-            table = changed_table(plan.table, plan.points, own)
-            run_folder(plan, runner, plan.out / name, table, cell, seed, n)
+            run_folder(plan, runner, plan.out / name, own, cell, seed, n)
         tell("unseen bins", n, plan.holdout)
         if n >= 2 and not go_on():
             break

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
-import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -157,11 +155,8 @@ def test_the_outcome_does_not_depend_on_the_number_of_workers(tmp_path: Path, ca
 
 
 def test_command_searches_resumes_and_writes_in_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, campaigns_here: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "scenarios.episode", planted_episode)
-    stub = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)
-    monkeypatch.setitem(sys.modules, "scenarios.workcell", stub)
     file, out = tmp_path / "cell.yaml", tmp_path / "out"
     file.write_text((SHIPPED / "bracket.yaml").read_text() + "# kept\n")
     words = ["tune", str(file), "--out", str(out), "--grasps", "none", "--oracle", "perception", "--set", "count=8"]

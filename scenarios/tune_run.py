@@ -141,10 +141,10 @@ def run_plan(
     changes, tuned = _settled(plan, searches, run, trial)
     cells = tune_cell(plan, journal, runner, tuned, changes, tell, before(STAGES[1]))
     best = max((t for t in cells.trials if not t.detail["dropped"]), key=lambda t: (t.value, -t.number), default=None)
-    values = best.values if best is not None and best.value > 0 else {}
-    points, scenario = (
-        candidate(values, (plan.points, tuned), plan.scenario) if values else (plan.points, plan.scenario)
-    )
+    points, scenario, values = list(plan.points), plan.scenario, {}
+    if best is not None and best.value > 0:
+        values = best.values
+        points, scenario = candidate(values, (plan.points, tuned), plan.scenario)
     comparison = None
     if values:
         comparison = _on_unseen_bins(plan, runner, points, scenario, tell, before(1.0))

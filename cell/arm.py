@@ -178,7 +178,7 @@ class Arm:
     def attach(self, connection: Connection) -> None:
         """Take a workpiece by cups or magnets; their slide is locked where it is while they hold any."""
         self.connections.append(connection)
-        self._lock = self._travel()
+        self._lock = self.travel
         self._drive_slide()
 
     def let_go(self) -> None:
@@ -218,7 +218,7 @@ class Arm:
 
     def face_pose(self) -> Array:
         """T_world_tool (4, 4) of the TCP as far as the faces of cups or magnets have given way."""
-        return self.tool_pose() @ make_transform(t=(0.0, 0.0, -self._travel()))
+        return self.tool_pose() @ make_transform(t=(0.0, 0.0, -self.travel))
 
     def _gear(self) -> None:
         client, (left, right) = self.world.client, self._fingers
@@ -227,8 +227,9 @@ class Arm:
         )
         client.changeConstraint(gear, gearRatio=-1, maxForce=GEAR_FORCE, erp=0.5)
 
-    def _travel(self) -> float:
-        """How far the faces have given way in [m]."""
+    @property
+    def travel(self) -> float:
+        """How far the faces of cups or magnets have given way in [m]."""
         return float(self.world.client.getJointState(self.body, self._fingers[0])[0])
 
     def _after_step(self) -> None:
@@ -248,7 +249,7 @@ class Arm:
             targetVelocity=0.0,
             positionGain=1.0 if holding else 0.2,
             velocityGain=1.0,
-            force=LOCK_FORCE if holding else self.gripper.spring_force(self._travel()),
+            force=LOCK_FORCE if holding else self.gripper.spring_force(self.travel),
         )
 
     def _checked(self, values: ArrayLike) -> Array:

@@ -50,6 +50,13 @@ class Intrinsics:
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         return np.stack([(u - self.cx) / self.fx, (v - self.cy) / self.fy, np.ones_like(u, dtype=float)], -1)
 
+    def cropped(self, low: np.ndarray, high: np.ndarray, grow: int = 1) -> Intrinsics:
+        """Of the pixels from `low` up to `high` (2,) as (u, v), each made `grow` x `grow` pixels."""
+        width, height = (int(x) for x in grow * (np.asarray(high) - low))
+        # the centre of a grown pixel is that of a block
+        cx, cy = (grow * (c - x) + (grow - 1) / 2 for c, x in zip((self.cx, self.cy), low, strict=True))
+        return Intrinsics(width, height, grow * self.fx, grow * self.fy, float(cx), float(cy))
+
     def project(self, points_camera: Array) -> Array:
         """Pixel coordinates (..., 2) as (u, v) of points (..., 3)."""
         p = np.asarray(points_camera)

@@ -27,11 +27,22 @@ def read_yaml(path: Path) -> dict[str, Any]:
         InputError: the file is missing, unreadable, not YAML, or not a mapping.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError(path, "", "missing file", "an existing YAML file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, "", str(error), "a readable UTF-8 YAML file") from None
+    return parse_yaml(text, path)
+
+
+def parse_yaml(text: str, path: Path) -> dict[str, Any]:
+    """The YAML mapping that is the text of a file at `path`.
+
+    Raises:
+        InputError: not YAML, or not a mapping.
+    """
+    try:
+        data = yaml.safe_load(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         at = f"line {mark.line + 1}, column {mark.column + 1}" if mark is not None else str(error)

@@ -37,7 +37,9 @@ def grip(world: World, arm: Arm) -> Grip:
     arm.let_go()
     log = wait(world, arm, gripper.switch_time)
     T = arm.face_pose()
-    holds, faces = gripper.take(lambda points: probe(world, T, points), lambda i: world.workpieces[i].magnetic)
+    holds, faces = gripper.take(
+        lambda points: probe(world, T, points), lambda i: world.workpieces[i].magnetic, arm.travel
+    )
     for part, own in sorted(holds.items()):
         arm.attach(Connection(world, arm.body, arm.finger_links[0], part, own, T))
     return Grip(held(world, arm), log, faces)

@@ -46,7 +46,9 @@ class Magnet(PadGripper):
         """Force in [N] of a whole face at a uniform gap [m] under the cover."""
         return float(self.force / (1.0 + (gap + self.cover) / self.gap_scale) ** 2)
 
-    def take(self, probe: Probe, magnetic: Callable[[int], bool]) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
+    def take(
+        self, probe: Probe, magnetic: Callable[[int], bool], travel: float = 0.0
+    ) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
         """Every magnetic workpiece that a face touches is held by the face's share over it."""
         holds: dict[int, list[Hold]] = {}
         reasons = []

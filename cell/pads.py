@@ -102,8 +102,13 @@ class PadGripper(Gripper):
         return len(self.centres) * (self.preload + self.stiffness * max(travel, 0.0))
 
     @abstractmethod
-    def take(self, probe: Probe, magnetic: Callable[[int], bool]) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
-        """Holds by workpiece, and for each face why it holds nothing (empty where it holds)."""
+    def take(
+        self, probe: Probe, magnetic: Callable[[int], bool], travel: float = 0.0
+    ) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
+        """Holds by workpiece, and for each face why it holds nothing (empty where it holds).
+
+        `travel` [m] is how far the faces have given way.
+        """
 
 
 def disc(radius: float, n: int) -> Array:

@@ -8,10 +8,13 @@ import pickle
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
+FOLDERS = "PICKPROOF_WORKPIECES"
+"""Variable of the environment: folders of workpiece folders, as PATH lists them."""
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 @contextmanager
@@ -27,6 +30,11 @@ def child_environment(values: dict[str, str]) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+def single_threaded_children() -> AbstractContextManager[None]:
+    """Processes started meanwhile use one thread each."""
+    return child_environment(dict.fromkeys(_THREADS, "1"))
 
 
 def work_for(parent: int, work: bytes, *args: Any) -> None:

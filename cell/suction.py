@@ -32,6 +32,9 @@ class VacuumConfig(PadsConfig):
     effective_diameter: Positive = Field(description="[m] of the area under vacuum")
     pressure: float = Field(gt=0, le=101_325, description="[Pa] below that of the air")
     flatness: Positive = Field(0.001, description="[m] peak to peak that the lip evens out along the rim")
+    sprung_alone: bool = Field(
+        False, description="each cup has a spring of its own: one over a lower place still touches, within the travel"
+    )
     normal_deg: float = Field(15.0, gt=0, lt=90, description="farthest that the surface may lean from the cup's axis")
 
     def build(self) -> VacuumGripper:
@@ -47,34 +50,40 @@ class VacuumGripper(PadGripper):
     pressure: float
     flatness: float
     normal_deg: float
+    sprung_alone: bool = False
 
     @property
     def force(self) -> float:
         """Of each sealed cup in [N]."""
         return float(self.pressure * np.pi * self.effective_diameter**2 / 4)
 
-    def take(self, probe: Probe, magnetic: Callable[[int], bool]) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
+    def take(
+        self, probe: Probe, magnetic: Callable[[int], bool], travel: float = 0.0
+    ) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
         """The cups that seal, by workpiece; each has its own vacuum."""
+        reach = TOUCH + (travel if self.sprung_alone else 0.0)
         holds: dict[int, list[Hold]] = {}
         seals: list[str] = []
         for centre in self.centres:
             around = ring(self.radius + OUTSIDE, RIM_RAYS)
             rim = probe(around + centre)
             inner = probe(disc(self.radius, INNER_RAYS) + centre)
-            seals.append(self.seal(rim, inner, around))
+            seals.append(self.seal(rim, inner, around, reach))
             if not seals[-1]:
                 lever = self.radius / 2
                 hold = Hold(centre, self.radius, self.force, self.friction, lever, self.radius)
                 holds.setdefault(int(rim.part[0]), []).append(hold)
         return holds, tuple(seals)
 
-    def seal(self, rim: Surface, inner: Surface, around: Array) -> Seal:
+    def seal(self, rim: Surface, inner: Surface, around: Array, reach: float = TOUCH) -> Seal:
         """Why a lip whose rim lies over points `around` (n, 2) does not seal; empty where it does.
+
+        `reach` [m] is how far from the faces' plane the lip may still lie on the workpiece.
 
         `leaking`: a ray within the lip passes by the workpiece, as through a hole. A pocket without a way out is
         sealed by its rim.
         """
-        if (rim.part < 0).all() or rim.gap.min() > TOUCH:
+        if (rim.part < 0).all() or rim.gap.min() > reach:
             return "no_contact"
         if (rim.part != rim.part[0]).any():
             return "edge"

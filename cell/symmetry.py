@@ -52,6 +52,16 @@ class Symmetry:
     def is_sphere(self) -> bool:
         return not self.v.any()
 
+    @property
+    def size(self) -> int:
+        """Rotations in the group, an infinite axis counted as a thousand and a sphere as a million."""
+        return 1_000_000 if self.is_sphere else len(self.S) * (1 if self.infinite_axis is None else 1000)
+
+    @property
+    def fixed(self) -> Array:
+        """Projection (3, 3) on the points that all rotations leave where they are: all, a line or the origin."""
+        return np.zeros((3, 3)) if self.is_sphere else np.asarray(self.rotations().mean(axis=0))
+
     def rotations(self, infinite_steps: int = 24) -> Array:
         """Rotations (k, 3, 3) that map the part to itself, an infinite axis sampled in `infinite_steps` steps."""
         if self.infinite_axis is None:

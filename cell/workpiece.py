@@ -28,6 +28,7 @@ from cell.pieces import (
     covering_boxes,
     read_hulls,
 )
+from cell.processes import FOLDERS
 from cell.raycast import RayCaster, make_caster
 from cell.symmetry import Symmetry
 
@@ -75,6 +76,8 @@ class WorkpieceConfig(Config):
 @dataclass(frozen=True)
 class Workpiece:
     """One workpiece; all lengths in [m], in the CAD frame whose origin is the centre of the bounding box.
+
+    About an axis of odd order that centre is beside the axis; then the origin is on it.
 
     Attributes:
         vertices, faces: the exact mesh (n, 3) and (m, 3), read-only.
@@ -148,8 +151,13 @@ class Workpiece:
 
 def search_path() -> list[Path]:
     """Folders that hold workpiece folders: those in PICKPROOF_WORKPIECES, then the shipped ones."""
-    extra = [Path(p) for p in os.environ.get("PICKPROOF_WORKPIECES", "").split(os.pathsep) if p]
+    extra = [Path(p) for p in os.environ.get(FOLDERS, "").split(os.pathsep) if p]
     return [*extra, SHIPPED]
+
+
+def workpiece_folder(name: str) -> Path | None:
+    """The first folder of a workpiece of this name on the search path; None where there is none."""
+    return next((root / name for root in search_path() if (root / name / "workpiece.yaml").is_file()), None)
 
 
 def list_workpieces() -> list[str]:
@@ -164,10 +172,10 @@ def load_workpiece(name: str) -> Workpiece:
     Raises:
         InputError: no such workpiece, an invalid workpiece.yaml, or a missing or unusable mesh.
     """
-    for root in search_path():
-        if (root / name / "workpiece.yaml").is_file():
-            return _load(root / name)
-    raise InputError("command line", "workpiece", name, f"one of: {', '.join(list_workpieces())}")
+    folder = workpiece_folder(name)
+    if folder is None:
+        raise InputError("command line", "workpiece", name, f"one of: {', '.join(list_workpieces())}")
+    return _load(folder)
 
 
 def _load(folder: Path) -> Workpiece:
@@ -178,9 +186,6 @@ def _load(folder: Path) -> Workpiece:
     if not 1e-3 < mesh.extents.max() < 5.0:
         size = " x ".join(f"{e:.4g}" for e in mesh.extents)
         raise InputError(path, "mesh_unit", f"{config.mesh_unit} (part of {size} m)", "a part of 1 mm to 5 m")
-    offset = np.abs(mesh.bounds.mean(axis=0)).max()
-    if offset > 1e-3 * mesh.extents.max():
-        raise InputError(path, "mesh", f"centre of bounding box {offset:.4g} m off the origin", "a centred mesh")
     mesh.density = config.density
     vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     vertices.flags.writeable = faces.flags.writeable = False
@@ -188,6 +193,7 @@ def _load(folder: Path) -> Workpiece:
         symmetry = Symmetry(config.symmetry.degrees, config.symmetry.infinite_below)
     except ValueError:
         raise InputError(path, "symmetry.degrees", config.symmetry.degrees, "a finite rotation group") from None
+    _check_origin(path, mesh, symmetry)
     hulls: tuple[CollisionHull, ...] = ()
     if config.collision_hulls is not None:
         hulls = read_hulls(path, folder / config.collision_hulls, UNITS[config.mesh_unit])
@@ -211,6 +217,17 @@ def _load(folder: Path) -> Workpiece:
         magnetic=config.magnetic,
         rolling_friction=config.rolling_friction,
     )
+
+
+def _check_origin(path: Path, mesh: trimesh.Trimesh, symmetry: Symmetry) -> None:
+    """The origin is the centre of the bounding box; with symmetry it may lie on the axis where these differ."""
+    near = 1e-3 * float(mesh.extents.max())
+    middle, across = mesh.bounds.mean(axis=0), np.eye(3) - symmetry.fixed
+    along = float(np.linalg.norm(symmetry.fixed @ middle))
+    off = float(min(np.linalg.norm(across @ middle), np.linalg.norm(across @ np.asarray(mesh.center_mass))))
+    if max(along, off) > near:
+        found = f"centre of bounding box {np.linalg.norm(middle):.4g} m off the origin"
+        raise InputError(path, "mesh", found, "a centred mesh, or one with its axis of symmetry through the origin")
 
 
 def _check_pieces(path: Path, config: WorkpieceConfig, hulls: tuple[CollisionHull, ...], box: Array) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cell.bin import Bin, Box
 from cell.frames import Array, apply, invert
+from cell.point import moved
 from cell.workpiece import Workpiece
 
 WALL_MARGIN = 0.0008  # [m] kept from walls and floor
@@ -132,18 +133,11 @@ def _both_positive(a: Array, b: Array, edges: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True)
-def _local(T, p, local):  # type: ignore[no-untyped-def]
-    """Write T (4, 4) times the point p (3,)."""
-    for m in range(3):
-        local[m] = T[m, 0] * p[0] + T[m, 1] * p[1] + T[m, 2] * p[2] + T[m, 3]
-
-
-@numba.njit(cache=True)
 def _nearest(T_tool_world, points, centres, halves, most):  # type: ignore[no-untyped-def]
     """Distance from boxes (b, 3) of a tool frame to the nearest of the points (k, 3) in the world, at most `most`."""
-    least, local = most * most, np.empty(3)
+    least = most * most
     for p in points:
-        _local(T_tool_world, p, local)
+        local = moved(T_tool_world, p)
         for b in range(len(centres)):
             d = 0.0
             for m in range(3):
@@ -155,9 +149,9 @@ def _nearest(T_tool_world, points, centres, halves, most):  # type: ignore[no-un
 @numba.njit(cache=True)
 def _inside(T_tool_world, points, centres, halves):  # type: ignore[no-untyped-def]
     """How many of the points (k, 3) in the world are in one of the boxes (b, 3) of a tool frame."""
-    count, local = 0, np.empty(3)
+    count = 0
     for p in points:
-        _local(T_tool_world, p, local)
+        local = moved(T_tool_world, p)
         for b in range(len(centres)):
             x, y, z = local[0] - centres[b, 0], local[1] - centres[b, 1], local[2] - centres[b, 2]
             if abs(x) < halves[b, 0] and abs(y) < halves[b, 1] and abs(z) < halves[b, 2]:
@@ -169,10 +163,10 @@ def _inside(T_tool_world, points, centres, halves):  # type: ignore[no-untyped-d
 @numba.njit(cache=True)
 def _any_inside(Ts_tool_world, points, centres, halves, low, high):  # type: ignore[no-untyped-def]
     """(n,) bool: one of the points (k, 3) in the world is in one of the boxes (b, 3) of a tool frame."""
-    hit, local = np.zeros(len(Ts_tool_world), np.bool_), np.empty(3)
+    hit = np.zeros(len(Ts_tool_world), np.bool_)
     for i in range(len(Ts_tool_world)):
         for p in points:
-            _local(Ts_tool_world[i], p, local)
+            local = moved(Ts_tool_world[i], p)
             if not (low[0] < local[0] < high[0] and low[1] < local[1] < high[1] and low[2] < local[2] < high[2]):
                 continue
             for b in range(len(centres)):

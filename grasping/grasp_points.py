@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from cell.config import Config, load
+from cell.config import Config, parse, read_yaml
 from cell.errors import InputError
 from cell.frames import Array, about_axis, make_transform
 from cell.jaw import ParallelJaw
@@ -166,9 +168,7 @@ def load_grasps(workpiece: Workpiece, gripper: Gripper, path: Path | None = None
     if gripper.name not in made_for:
         field, found = ("gripper", table.gripper) if made_for == [table.gripper] else ("grasps", ", ".join(made_for))
         raise InputError(path, field, found, f"{gripper.name}, the scenario's gripper")
-    for i, point in enumerate(points if isinstance(gripper, ParallelJaw) else ()):
-        if point.gripper == gripper.name and opening(point) > gripper.max_opening:
-            raise InputError(path, f"grasps.{i}.opening", opening(point), f"at most {gripper.max_opening} m")
+    check_openings(points, gripper, path)
     return expand(points, workpiece, gripper.name)
 
 
@@ -178,12 +178,28 @@ def read_table(path: Path) -> GraspTable:
     Raises:
         InputError: missing file, a field that does not fit the schema, or a name given twice.
     """
-    table = load(GraspTable, path)
+    return parse_table(read_yaml(path), path)
+
+
+def parse_table(data: dict[str, Any], path: Path) -> GraspTable:
+    """The table that a grasps.yaml at `path` holds as `data`; errors are those of `read_table`."""
+    table = parse(GraspTable, data, path)
     names = [g.name for g in table.grasps]
     for i, name in enumerate(names):
         if name in names[:i]:
             raise InputError(path, f"grasps.{i}.name", name, "a name of its own")
     return table
+
+
+def check_openings(points: Sequence[GraspPoint], gripper: Gripper, path: Path) -> None:
+    """Hold grasp points made for a jaw against what it opens to.
+
+    Raises:
+        InputError: an opening is beyond it.
+    """
+    for i, point in enumerate(points if isinstance(gripper, ParallelJaw) else ()):
+        if point.gripper == gripper.name and opening(point) > gripper.max_opening:
+            raise InputError(path, f"grasps.{i}.opening", opening(point), f"at most {gripper.max_opening} m")
 
 
 def opening(point: GraspPoint) -> float:
@@ -228,6 +244,11 @@ class _Rows:
     openings: Array
     ranks: np.ndarray
     offsets: Array
+
+
+def first_pose(point: GraspPoint) -> Array:
+    """T_part_tool (4, 4) that a grasp point wants most: first slide and depth, smallest turns, no symmetry."""
+    return _tool_poses(point, point.slide.offsets[0] if point.slide else 0.0, point.depths[0])[0]
 
 
 def _expand_one(i: int, point: GraspPoint, workpiece: Workpiece) -> _Rows:

@@ -22,7 +22,8 @@ BESIDE = 0.003  # [m] between the middles of the two places across the closing d
 INTO = 1e-4  # [m] that the gripper may go into the workpiece, for the sampling of its surface
 STEP_DEG = 30.0
 DEPTH = 0.006  # [m] that the tips go past the middle of the grip
-DIRECTIONS, SAMPLES = 250, 6000
+MAX_TILT_DEG = 60.0  # one approach each, not an arc of them: it may lean more
+DIRECTIONS, SAMPLES = 1000, 6000
 
 
 def freeform_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
@@ -42,7 +43,7 @@ def freeform_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.rando
         plain = [[round(float(x), 6) + 0.0 for x in v] for v in T_part_grip[:3, [3, 2, 0]].T]
         yield GraspPoint.model_validate(
             {"name": "proposed", "centre": plain[0], "approach": plain[1], "closing": plain[2], "width": width}
-            | {"depths": (DEPTH,)}
+            | {"depths": (DEPTH,), "max_tilt_deg": MAX_TILT_DEG}
         )
 
 

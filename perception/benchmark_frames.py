@@ -18,13 +18,14 @@ import numpy as np
 import torch
 
 from cell.frames import Array, invert
+from cell.processes import single_threaded_children
 from cell.sensor import SensorConfig, measure
 from cell.workpiece import Workpiece, load_workpiece
 from perception.average_precision import Detections, ap_mssd, ap_sileane, visible_share
 from perception.benchmark_methods import Detector, Found, Method
 from perception.cloud import roi_mask, scene_cloud
 from perception.estimate import Perception
-from perception.heap_frames import HeapFrame, Setup, perceive_heap, single_threaded_children
+from perception.heap_frames import HeapFrame, Setup, perceive_heap
 from perception.metrics import FrameScore, score_frame, summarise, visible_instances
 from perception.network import pack
 from perception.sampling import build_levels, input_points, top_neighbours

@@ -1,4 +1,4 @@
-"""Training clouds, streamed: a stored heap, a random view, fresh noise, fresh sampling.
+"""Training clouds, streamed: a stored heap, a random view, fresh noise; or an image of a dataset; fresh sampling.
 
 Cloud i of a stream depends on (seed, i) alone, and clouds are handed on in the order of i whatever the number of
 loader processes, so a training run is reproducible.
@@ -18,12 +18,15 @@ import torch
 from cell.frames import Array, invert
 from cell.sensor import measure
 from cell.workpiece import Workpiece, load_workpiece
+from perception.bop_read import BopImage
 from perception.cloud import Cloud, roi_mask, scene_cloud
 from perception.loss import Target, centre_distance_weights
 from perception.sampling import Graph, build_graph, top_neighbours
 from perception.scenes import View, heap_bin, random_view, render_heap
 
 Samples = Generator["Sample", None, None]
+Scene = Array | BopImage
+"""What a cloud is made of: the poses Ts_world_part (n, 4, 4) of a settled heap, or an image of a dataset."""
 
 
 @dataclass(frozen=True)
@@ -69,17 +72,29 @@ def make_sample(workpiece: Workpiece, poses: Array, view: View, rng: np.random.G
     return label(graph, cloud, exact.ids, invert(view.T_world_camera) @ poses)
 
 
-def train_sample(workpiece: Workpiece, heaps: list[Array], seed: int, index: int) -> Sample:
+def image_sample(workpiece: Workpiece, image: BopImage, rng: np.random.Generator) -> Sample | None:
+    """One labelled cloud of an image; None when next to nothing is seen."""
+    frame = image.frame()
+    cloud = scene_cloud(frame, image.region(frame, workpiece), workpiece.unit)
+    graph = build_graph(cloud, rng, top_neighbours(workpiece))
+    if graph is None:
+        return None
+    return label(graph, cloud, image.ids(frame, workpiece), image.Ts_camera_part)
+
+
+def train_sample(workpiece: Workpiece, scenes: list[Scene], seed: int, index: int) -> Sample:
     """Cloud `index` of the stream `seed`."""
     rng = np.random.default_rng((seed, index))
     while True:
-        poses = heaps[int(rng.integers(len(heaps)))]
-        if rng.random() < 0.25:  # sparse heaps, as the paper trains on
-            poses = poses[rng.random(len(poses)) < rng.uniform(0.3, 0.9)]
-        if len(poses):
-            sample = make_sample(workpiece, poses, random_view(workpiece, rng), rng)
-            if sample is not None and sample.keep.sum() > 16:
-                return sample
+        scene = scenes[int(rng.integers(len(scenes)))]
+        if isinstance(scene, BopImage):
+            sample = image_sample(workpiece, scene, rng)
+        else:
+            if rng.random() < 0.25:  # sparse heaps, as the paper trains on
+                scene = scene[rng.random(len(scene)) < rng.uniform(0.3, 0.9)]
+            sample = make_sample(workpiece, scene, random_view(workpiece, rng), rng) if len(scene) else None
+        if sample is not None and sample.keep.sum() > 16:
+            return sample
 
 
 def collate(samples: list[Sample], unit_device: torch.device) -> tuple[torch.Tensor, Target]:
@@ -100,27 +115,27 @@ def collate(samples: list[Sample], unit_device: torch.device) -> tuple[torch.Ten
     return torch.from_numpy(np.concatenate(keep)).to(unit_device), target
 
 
-def _work(queue: Any, name: str, heaps: list[Array], seed: int, start: int, stride: int) -> None:
+def _work(queue: Any, name: str, scenes: list[Scene], seed: int, start: int, stride: int) -> None:
     os.environ["OMP_NUM_THREADS"] = "1"
     torch.set_num_threads(1)
     workpiece = load_workpiece(name)
     index = start
     while True:
-        queue.put(train_sample(workpiece, heaps, seed, index))
+        queue.put(train_sample(workpiece, scenes, seed, index))
         index += stride
 
 
-def stream(workpiece: Workpiece, heaps: list[Array], seed: int, start: int, workers: int) -> Samples:
+def stream(workpiece: Workpiece, scenes: list[Scene], seed: int, start: int, workers: int) -> Samples:
     """Endless clouds start, start + 1, ... of a stream, made by `workers` processes (0: in this one)."""
     if workers == 0:
         index = start
         while True:
-            yield train_sample(workpiece, heaps, seed, index)
+            yield train_sample(workpiece, scenes, seed, index)
             index += 1
     context = mp.get_context("spawn")
     queues = [context.Queue(maxsize=4) for _ in range(workers)]
     processes = [
-        context.Process(target=_work, args=(q, workpiece.name, heaps, seed, start + i, workers), daemon=True)
+        context.Process(target=_work, args=(q, workpiece.name, scenes, seed, start + i, workers), daemon=True)
         for i, q in enumerate(queues)
     ]
     for process in processes:

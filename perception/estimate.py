@@ -63,8 +63,11 @@ class Perception:
 
     def perceive(self, frame: DepthFrame, bin: Bin, rng: np.random.Generator) -> RefineResult:
         """Verified estimates and the network's raw poses; `rng` chooses the voting points."""
+        return self.perceive_region(frame, roi_mask(frame, bin), rng)
+
+    def perceive_region(self, frame: DepthFrame, mask: np.ndarray, rng: np.random.Generator) -> RefineResult:
+        """The same where no bin is known: `mask` (h, w) bool says where workpieces may be."""
         clock = time.perf_counter()
-        mask = roi_mask(frame, bin)
         cloud = scene_cloud(frame, mask, self.workpiece.unit)
         votes = self.vote(cloud, rng)
         seconds = {"network": time.perf_counter() - clock}

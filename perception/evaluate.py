@@ -27,15 +27,19 @@ from perception.analysis import (
     right_poses,
     spread,
 )
+from perception.bop_read import BopImage
+from perception.bop_results import write_results
 from perception.calibration import reliability
 from perception.evaluation_page import Evaluation, write_page
-from perception.heap_frames import HeapFrame, Setup, perceive_seeds
+from perception.heap_frames import HeapFrame, Setup, perceive_given, perceive_seeds
 from perception.metrics import POINTS, FrameScore, score_frame, summarise, visible_instances
 from perception.overlay import Pictured, draw_frames
 from perception.pose_estimate import PoseEstimate
+from perception.scene_source import add_source_arguments, given_scenes
 from perception.scenes import HELD_OUT_SEED
 from perception.weights import file_hash, weights_path, weights_record
 
+FRAMES = 50
 PICTURED = 6
 """Frames shown in the picture: the worst ones first."""
 
@@ -132,8 +136,10 @@ def _number(x: float) -> float | None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof evaluate`."""
     parser.add_argument("workpiece")
-    parser.add_argument("--frames", type=int, default=50, help="held-out heaps (default 50)")
+    parser.add_argument("--frames", type=int, default=None, help="heaps (default 50 held-out ones, or all given ones)")
     parser.add_argument("--seed", type=int, default=0, help="added to the first held-out seed")
+    add_source_arguments(parser)
+    parser.add_argument("--bop-results", type=Path, metavar="FILE", help="write the poses found in --bop as BOP's CSV")
     parser.add_argument("--weights", type=Path, default=None, help="weights to evaluate (default the shipped ones)")
     sensor = parser.add_mutually_exclusive_group()
     sensor.add_argument("--sensor", metavar="PRESET", help="camera class (default structured_light)")
@@ -146,8 +152,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main_evaluate(args: argparse.Namespace) -> int:
     """`pickproof evaluate WORKPIECE`."""
     for option, value, least in (("frames", args.frames, 1), ("seed", args.seed, 0), ("workers", args.workers, 1)):
-        if value < least:
+        if value is not None and value < least:
             raise InputError("command line", f"--{option}", value, f"{least} or more")
+    if args.bop is not None and (args.sensor or args.no_noise):
+        option, value = ("--sensor", args.sensor) if args.sensor else ("--no-noise", "given")
+        raise InputError("command line", option, value, "none with --bop, whose images were measured")
+    if args.bop_results is not None and args.bop is None:
+        raise InputError("command line", "--bop-results", str(args.bop_results), "to stand beside --bop DIR")
     if args.sensor is not None and args.sensor not in list_presets():
         raise InputError("command line", "--sensor", args.sensor, f"one of: {', '.join(list_presets())}")
     sensor = SensorConfig.of_preset(args.sensor) if args.sensor else SensorConfig(enabled=not args.no_noise)
@@ -155,12 +166,23 @@ def main_evaluate(args: argparse.Namespace) -> int:
     weights = args.weights or weights_path(workpiece)
     setup = Setup(workpiece.name, weights, sensor, HELD_OUT_SEED)
     setup.check()
+    given = given_scenes(args, workpiece, args.workers)
+    if given is not None and args.seed:
+        raise InputError("command line", "--seed", args.seed, "none with --data or --bop, which hold their scenes")
     out = args.out or Path("out") / "evaluate" / workpiece.name
     out.mkdir(parents=True, exist_ok=True)
     console = Console(stderr=args.json)
-    first_seed = HELD_OUT_SEED + args.seed
-    with perceive_seeds(setup, first_seed, args.frames, args.workers, console, "evaluating") as seen:
+    first_seed = HELD_OUT_SEED + args.seed if given is None else 0
+    if given is None:
+        source = perceive_seeds(setup, first_seed, args.frames or FRAMES, args.workers, console, "evaluating")
+    else:
+        given = given[: args.frames]
+        source = perceive_given(setup, given, args.workers, console, "evaluating")
+    with source as seen:
         frames = list(score_frames(seen, workpiece, first_seed))
+    if args.bop_results is not None:
+        images = [scene for scene in given or () if isinstance(scene, BopImage)]
+        write_results(args.bop_results, ((i, f.seen.result) for i, f in zip(images, frames, strict=True)))
     instances = Instances.join([f.instances for f in frames])
     data: dict[str, Any] = {
         "workpiece": workpiece.name,
@@ -169,6 +191,7 @@ def main_evaluate(args: argparse.Namespace) -> int:
         "record": weights_record(weights),
         "noise": sensor.enabled,
         "sensor": sensor.model_dump(),
+        "scenes": str(args.bop or args.data or "held-out heaps"),
         "tolerance_mm": 1000 * workpiece.tolerance,
         "methods": report_of(frames),
         "recall_by_visibility": recall_by_visibility(instances),
@@ -186,6 +209,8 @@ def main_evaluate(args: argparse.Namespace) -> int:
         print(json.dumps(data, indent=1))
     else:
         _print(console, workpiece, data)
+        if args.bop_results is not None:
+            console.print(f"wrote {args.bop_results}", soft_wrap=True)
         console.print(f"wrote evaluation.html, .json, .png and instances.csv to {out}", soft_wrap=True)
     return 0
 
@@ -195,7 +220,7 @@ def _f1(score: FrameScore) -> float:
 
 
 def _print(console: Console, workpiece: Workpiece, data: dict[str, Any]) -> None:
-    table = Table(title=f"{workpiece.name}: held-out heaps, T_e = {data['tolerance_mm']:g} mm")
+    table = Table(title=f"{workpiece.name}: {data['scenes']}, T_e = {data['tolerance_mm']:g} mm")
     columns = ("f1_inst", "recall", "precision", "median_mm", "median_deg")
     for column in ("method", *columns, "s/frame"):
         table.add_column(column, justify="left" if column == "method" else "right")

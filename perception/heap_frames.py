@@ -1,10 +1,11 @@
-"""Settled heaps as the cell's camera measures them, and what perception finds there, in one process or in several."""
+"""Settled heaps as the cell's camera measures them, or images of a dataset, and what perception finds there, in one
+process or in several."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import repeat
@@ -18,25 +19,25 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cell.camera import DepthFrame
 from cell.frames import Array, invert
-from cell.processes import child_environment
+from cell.processes import single_threaded_children
 from cell.sensor import SensorConfig, measure
 from cell.workpiece import load_workpiece
+from perception.bop_read import BopImage
+from perception.dataset import Scene
 from perception.estimate import Perception, shipped_score_model
 from perception.refine import RefineResult
 from perception.scenes import HEAPS_FOLDER, heap_bin, load_heaps, overhead_view, render_heap
 from perception.weights import load_weights, weights_path
 
-_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-
 
 @dataclass(frozen=True)
 class HeapFrame:
-    """One heap: what was measured, what is true there and what was found.
+    """One heap or image: what was measured, what is true there and what was found.
 
     Attributes:
         frame: the measured depth.
         Ts_camera_part: (n, 4, 4) true poses in [m].
-        pixels: (n,) pixels of the exact render on which each instance is seen.
+        pixels: (n,) pixels on which each instance is seen: of the exact render, or of the dataset's masks.
         result: what perception found.
     """
 
@@ -90,17 +91,17 @@ class Setup:
         return Perception.load(load_workpiece(self.workpiece), self.weights, calibrated=self.calibrated)
 
 
-def perceive_heaps(setup: Setup, heaps: list[Array], workers: int = 1) -> Iterator[HeapFrame]:
-    """Heaps Ts_world_part (n, 4, 4) seen from the cell's viewpoint, in order and the same for any number of workers."""
+def perceive_scenes(setup: Setup, scenes: Sequence[Scene], workers: int = 1) -> Iterator[HeapFrame]:
+    """Heaps seen from the cell's viewpoint, or images, in order and the same for any number of workers."""
     if workers == 1:
         perception = setup.load()
-        for index, poses in enumerate(heaps):
-            yield perceive_heap(perception, poses, setup.sensor, np.random.default_rng((setup.seed, index)))
+        for index, scene in enumerate(scenes):
+            yield perceive_scene(perception, scene, setup.sensor, np.random.default_rng((setup.seed, index)))
         return
     with single_threaded_children():
-        pool = ProcessPoolExecutor(min(workers, len(heaps)), mp_context=get_context("spawn"))
+        pool = ProcessPoolExecutor(min(workers, len(scenes)), mp_context=get_context("spawn"))
         try:
-            yield from pool.map(_perceive, repeat(setup), range(len(heaps)), heaps)
+            yield from pool.map(_perceive, repeat(setup), range(len(scenes)), scenes)
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -110,15 +111,39 @@ def perceive_seeds(
     setup: Setup, first_seed: int, count: int, workers: int, console: Console, doing: str
 ) -> Iterator[Iterable[HeapFrame]]:
     """Heaps of `count` seeds, settled where they are not stored and perceived, under a progress bar."""
-    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
-    with Progress(*columns, console=console) as bar:
+    with _progress(console) as bar:
         settling = bar.add_task("settling heaps", total=count)
 
         def settled(n: int) -> None:
             bar.update(settling, completed=n)
 
         heaps = load_heaps(load_workpiece(setup.workpiece), first_seed, count, HEAPS_FOLDER, workers, settled)
-        yield bar.track(perceive_heaps(setup, heaps, workers), count, description=doing)
+        yield bar.track(perceive_scenes(setup, heaps, workers), count, description=doing)
+
+
+@contextmanager
+def perceive_given(
+    setup: Setup, scenes: Sequence[Scene], workers: int, console: Console, doing: str
+) -> Iterator[Iterable[HeapFrame]]:
+    """Scenes of the user's own, perceived under a progress bar."""
+    with _progress(console) as bar:
+        yield bar.track(perceive_scenes(setup, scenes, workers), len(scenes), description=doing)
+
+
+def _progress(console: Console) -> Progress:
+    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
+    return Progress(*columns, console=console)
+
+
+def perceive_scene(perception: Perception, scene: Scene, sensor: SensorConfig, rng: np.random.Generator) -> HeapFrame:
+    """A heap, measured by `sensor`, or an image as it is."""
+    if not isinstance(scene, BopImage):
+        return perceive_heap(perception, scene, sensor, rng)
+    workpiece, frame = perception.workpiece, scene.frame()
+    result = perception.perceive_region(frame, scene.region(frame, workpiece), rng)
+    ids = scene.ids(frame, workpiece)
+    pixels = np.bincount(ids[ids >= 0], minlength=len(scene.Ts_camera_part))
+    return HeapFrame(frame, scene.Ts_camera_part, pixels, result)
 
 
 def perceive_heap(perception: Perception, poses: Array, sensor: SensorConfig, rng: np.random.Generator) -> HeapFrame:
@@ -137,11 +162,6 @@ def _loaded(setup: Setup) -> Perception:
     return setup.load()
 
 
-def _perceive(setup: Setup, index: int, poses: Array) -> HeapFrame:
+def _perceive(setup: Setup, index: int, scene: Scene) -> HeapFrame:
     rng = np.random.default_rng((setup.seed, index))
-    return perceive_heap(_loaded(setup), poses, setup.sensor, rng)
-
-
-def single_threaded_children() -> AbstractContextManager[None]:
-    """Processes started meanwhile use one thread each."""
-    return child_environment(dict.fromkeys(_THREADS, "1"))
+    return perceive_scene(_loaded(setup), scene, setup.sensor, rng)

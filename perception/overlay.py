@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cell.camera import DepthFrame
+from cell.camera import DepthFrame, Intrinsics
 from cell.frames import Array, apply, invert
 from cell.workpiece import Workpiece
 
@@ -54,8 +54,13 @@ def draw_frames(frames: list[Pictured], workpiece: Workpiece, path: Path, column
     tiles = [draw_frame(frame, workpiece) for frame in frames]
     if not tiles:
         return
+    height, width = np.max([tile.shape[:2] for tile in tiles], axis=0)
+    blank = np.full((height, width, 3), 255, np.uint8)
+    for i, tile in enumerate(tiles):  # images of a dataset may differ in size
+        tiles[i] = blank.copy()
+        tiles[i][: tile.shape[0], : tile.shape[1]] = tile
     while len(tiles) % columns:
-        tiles.append(np.full_like(tiles[0], 255))
+        tiles.append(blank)
     rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
     sheet = np.vstack([*rows, draw_legend(rows[0].shape[1], workpiece.tolerance)])
     path.write_bytes(png(sheet))
@@ -73,20 +78,25 @@ def draw_frame(pictured: Pictured, workpiece: Workpiece) -> np.ndarray:
     Predicted poses lie over them: from blue to yellow with their error, and red where wrong.
     """
     frame = pictured.frame
-    seen = frame.depth[frame.depth > 0]
-    low, high = np.percentile(seen, [0.5, 99.5]) if len(seen) else (0.0, 1.0)
-    near = np.clip((high - frame.depth) / max(high - low, 1e-6), 0, 1)
-    image = cv2.cvtColor(np.where(frame.depth > 0, 40 + 130 * near, 0).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+    image = grey_depth(frame.depth)
     for T, counts in zip(pictured.Ts_true, pictured.counted, strict=True):
-        _outline(image, frame, workpiece, T, TRUE if counts else IGNORED, 1)
+        draw_outline(image, frame.intrinsics, workpiece, T, TRUE if counts else IGNORED, 1)
     for T, match, error in zip(pictured.Ts_pred, pictured.matched, pictured.errors, strict=True):
         colour = error_colour(error / workpiece.tolerance) if match >= 0 else WRONG
-        _outline(image, frame, workpiece, T, colour, 2)
+        draw_outline(image, frame.intrinsics, workpiece, T, colour, 2)
     for T in pictured.Ts_true[pictured.missed]:
-        _outline(image, frame, workpiece, T, MISSED, 1)
+        draw_outline(image, frame.intrinsics, workpiece, T, MISSED, 1)
         u, v = np.rint(frame.intrinsics.project(T[:3, 3])).astype(int)
         cv2.circle(image, (int(u), int(v)), 14, MISSED, 2, cv2.LINE_AA)
     return image
+
+
+def grey_depth(depth: np.ndarray) -> np.ndarray:
+    """A depth image (h, w) as (h, w, 3) uint8 BGR: brighter is nearer, black is missing."""
+    seen = depth[depth > 0]
+    low, high = np.percentile(seen, [0.5, 99.5]) if len(seen) else (0.0, 1.0)
+    near = np.clip((high - depth) / max(high - low, 1e-6), 0, 1)
+    return np.asarray(cv2.cvtColor(np.where(depth > 0, 40 + 130 * near, 0).astype(np.uint8), cv2.COLOR_GRAY2BGR))
 
 
 def error_colour(share: float) -> Colour:
@@ -114,12 +124,14 @@ def _entry(image: np.ndarray, x: int, text: str, colours: list[Colour]) -> int:
     return x + cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 1)[0][0] + 16
 
 
-def _outline(image: np.ndarray, frame: DepthFrame, workpiece: Workpiece, T: Array, colour: Colour, width: int) -> None:
+def draw_outline(
+    image: np.ndarray, K: Intrinsics, workpiece: Workpiece, T_camera_part: Array, colour: Colour, width: int
+) -> None:
     """The outline of a workpiece, and its sharp edges that face the camera."""
     mesh = workpiece.mesh
-    eye_part = invert(T)[:3, 3]
+    eye_part = invert(T_camera_part)[:3, 3]
     front = np.einsum("fi,fi->f", mesh.triangles_center - eye_part, mesh.face_normals) < 0
     one, other = front[mesh.face_adjacency].T
     drawn = (one != other) | ((one | other) & (mesh.face_adjacency_angles > SHARP))
-    ends = frame.intrinsics.project(apply(T, workpiece.vertices[mesh.face_adjacency_edges[drawn]]))
+    ends = K.project(apply(T_camera_part, workpiece.vertices[mesh.face_adjacency_edges[drawn]]))
     cv2.polylines(image, list(np.rint(ends).astype(np.int32)), False, colour, width, cv2.LINE_AA)

@@ -6,7 +6,8 @@ import hashlib
 import zlib
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,10 @@ from cell.camera import Intrinsics, Render, look_at, render
 from cell.errors import InputError, SimulationError
 from cell.frames import Array, about_axis
 from cell.sensor import SensorConfig, random_sensor
-from cell.workpiece import Workpiece, load_workpiece
+from cell.workpiece import HeapConfig, Workpiece, load_workpiece
 
-TRAIN_SEED, VALIDATION_SEED, HELD_OUT_SEED = 1_000_000, 2_000_000, 3_000_000
-"""First seeds of the three sets; a heap's seed alone makes its poses, so the sets never share a heap."""
+TRAIN_SEED, VALIDATION_SEED, HELD_OUT_SEED, GENERATED_SEED = 1_000_000, 2_000_000, 3_000_000, 4_000_000
+"""First seeds of the sets; a heap's seed alone makes its poses, so the sets never share a heap."""
 FLOOR = 0.01  # [m] height of the bin floor over the table
 HEAPS_FOLDER = Path("out") / "heaps"
 """Where settled heaps are kept, below the folder that a command is called in."""
@@ -72,8 +73,8 @@ def settle_heap(workpiece: Workpiece, seed: int) -> Array:
     raise SimulationError(f"no heap of {workpiece.name} with seed {seed} came to rest in 5 tries")
 
 
-def _settle_named(name: str, seed: int) -> Array:
-    return settle_heap(load_workpiece(name), seed)
+def _settle_named(name: str, heap: HeapConfig, seed: int) -> Array:
+    return settle_heap(replace(load_workpiece(name), heap=heap), seed)
 
 
 def load_heaps(
@@ -107,14 +108,18 @@ def load_heaps(
     missing = [seed for seed in seeds if str(seed) not in known]
     tick(count - len(missing))
     if missing:
-        with ProcessPoolExecutor(max(workers, 1), mp_context=get_context("spawn")) as pool:
-            settled = pool.map(_settle_named, [workpiece.name] * len(missing), missing)
+        pool = ProcessPoolExecutor(max(workers, 1), mp_context=get_context("spawn"))
+        try:
+            settled = pool.map(_settle_named, repeat(workpiece.name), repeat(workpiece.heap), missing)
             for seed, poses in zip(missing, settled, strict=True):
                 known[str(seed)] = poses
                 tick(sum(str(s) in known for s in seeds))
                 if len(known) % 20 == 0:
                     _store(path, known, made_of)
-        _store(path, known, made_of)
+        finally:  # an interrupted run keeps what it has
+            if known:
+                _store(path, known, made_of)
+            pool.shutdown(cancel_futures=True)
     return [known[str(seed)] for seed in seeds]
 
 
@@ -123,7 +128,9 @@ def heap_fingerprint(workpiece: Workpiece) -> str:
     body = [np.round(x, 9).tolist() for x in (workpiece.extents, workpiece.mass, workpiece.com, workpiece.inertia)]
     hulls = [np.round(hull.vertices, 9).tolist() for hull in workpiece.collision_hulls]
     plain = (workpiece.collision_boxes, workpiece.collision_cylinders, workpiece.heap)
-    of = (body, workpiece.friction, hulls, plain)
+    # without teeth as it was before there were any: heaps take hours to settle
+    rubbing = (workpiece.friction, workpiece.rolling_friction)
+    of = (body, rubbing if workpiece.rolling_friction else workpiece.friction, hulls, plain)
     return hashlib.sha256(repr(of).encode()).hexdigest()[:16]
 
 
@@ -139,14 +146,19 @@ def random_view(workpiece: Workpiece, rng: np.random.Generator) -> View:
     """A training view: tilt to 20 degrees, any roll, distance and noise over a range, 0.7 to 1 mm a pixel."""
     inner = workpiece.heap.bin_inner
     distance = workpiece.heap.camera_distance * rng.uniform(0.8, 1.2)
-    tilt, azimuth, roll = np.deg2rad(20) * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
-    direction = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
-    target = np.array([0.0, 0.0, FLOOR])
-    T = look_at(target + distance * direction, target) @ about_axis((0, 0, 1), roll)
+    T = _tilted(distance, rng)
     width = int(rng.integers(340, 500))
     # the bin's diagonal fills the image, so that any roll shows all of it
     fov = 2 * np.arctan(np.hypot(inner[0], inner[1]) / 2 / distance) * 1.02
     return View(Intrinsics.from_fov(width, width, fov), T, random_sensor(rng))
+
+
+def _tilted(distance: float, rng: np.random.Generator) -> Array:
+    """T_world_camera [m] of a camera that looks at the bin's floor: tilt to 20 degrees, any roll."""
+    tilt, azimuth, roll = np.deg2rad(20) * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
+    direction = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
+    target = np.array([0.0, 0.0, FLOOR])
+    return look_at(target + distance * direction, target) @ about_axis((0, 0, 1), roll)
 
 
 def overhead_view(workpiece: Workpiece, sensor: SensorConfig | None = None) -> View:
@@ -155,6 +167,12 @@ def overhead_view(workpiece: Workpiece, sensor: SensorConfig | None = None) -> V
     fov = 2 * np.arctan(max(inner[0], inner[1] * 4 / 3) / 2 * 1.15 / distance)
     T = look_at(np.array([0.0, 0.0, FLOOR + distance]), np.array([0.0, 0.0, FLOOR]))
     return View(Intrinsics.from_fov(640, 480, fov), T, sensor or SensorConfig())
+
+
+def tilted_view(workpiece: Workpiece, rng: np.random.Generator, sensor: SensorConfig | None = None) -> View:
+    """The cell's camera moved: tilt to 20 degrees, any roll, 1.1 to 1.3 times as far off; its intrinsics stay."""
+    view = overhead_view(workpiece, sensor)
+    return replace(view, T_world_camera=_tilted(workpiece.heap.camera_distance * rng.uniform(1.1, 1.3), rng))
 
 
 def render_heap(workpiece: Workpiece, poses: Array, view: View, threads: int = 1) -> Render:

@@ -15,7 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cell.errors import InputError
 from cell.frames import Array
 from cell.workpiece import Workpiece, load_workpiece
-from perception.dataset import Sample, make_sample, stream
+from perception.bop_read import BopImage
+from perception.dataset import Sample, Scene, image_sample, make_sample, stream
+from perception.scene_source import add_source_arguments, given_scenes
 from perception.scenes import HEAPS_FOLDER, TRAIN_SEED, VALIDATION_SEED, load_heaps, overhead_view
 from perception.trainer import TrainConfig, Trainer, batches
 from perception.variants import VARIANTS, network_config
@@ -26,9 +28,18 @@ SHOW_EVERY = 10  # steps: reading the loss waits for the device
 
 
 def train(
-    workpiece: Workpiece, config: TrainConfig, out: Path, resume: bool, console: Console, command: str = ""
+    workpiece: Workpiece,
+    config: TrainConfig,
+    out: Path,
+    resume: bool,
+    console: Console,
+    command: str = "",
+    given: list[Scene] | None = None,
 ) -> Path:
     """Train and write checkpoint, weights, record, log and curves to `out`; returns the path of the weights.
+
+    The scenes are settled here unless they are given; the last tenth of those that are given, at most
+    VALIDATION_HEAPS, validate.
 
     The learning rate falls as a cosine to zero at `clouds` or `minutes`, whichever comes first; resuming starts the
     cosine anew from the stored weights.
@@ -37,9 +48,9 @@ def train(
     trainer = Trainer(workpiece, config, out, command)
     if resume:
         trainer.resume()
-    heaps, validation = prepare(workpiece, config, console)
+    scenes, validation = prepare(workpiece, config, console) if given is None else divide(workpiece, given)
     trainer.start = time.monotonic()  # settling does not count
-    samples = stream(workpiece, heaps, config.seed, trainer.start_clouds, config.loaders)
+    samples = stream(workpiece, scenes, config.seed, trainer.start_clouds, config.loaders)
     source = batches(samples, config, np.random.default_rng((config.seed, trainer.start_clouds, 1)))
     columns = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
     try:
@@ -60,7 +71,7 @@ def train(
     return out / "ps6d.safetensors"
 
 
-def prepare(workpiece: Workpiece, config: TrainConfig, console: Console) -> tuple[list[Array], list[Sample]]:
+def prepare(workpiece: Workpiece, config: TrainConfig, console: Console) -> tuple[list[Scene], list[Sample]]:
     """Settled heaps to train on, and labelled overhead views of others to validate on."""
     with Progress(TextColumn("settling heaps"), BarColumn(), MofNCompleteColumn(), console=console) as bar:
         task = bar.add_task("", total=config.heaps + VALIDATION_HEAPS)
@@ -74,9 +85,34 @@ def prepare(workpiece: Workpiece, config: TrainConfig, console: Console) -> tupl
 
         held = heaps_of(VALIDATION_SEED, VALIDATION_HEAPS, 0)
         heaps = heaps_of(TRAIN_SEED, config.heaps, VALIDATION_HEAPS)
+    return list(heaps), _labelled(workpiece, list(held))
+
+
+def divide(workpiece: Workpiece, given: list[Scene]) -> tuple[list[Scene], list[Sample]]:
+    """Scenes to train on, and labelled views of the last ones to validate on.
+
+    Raises:
+        InputError: too few, or no workpiece is seen in those that validate.
+    """
+    if len(given) < 2:
+        raise InputError("command line", "--data or --bop", f"{len(given)} scenes", "2 or more: the last ones validate")
+    held = min(max(len(given) // 10, 1), VALIDATION_HEAPS)
+    validation = _labelled(workpiece, given[-held:])
+    if not any(sample.keep.any() for sample in validation):
+        raise InputError("command line", "--data or --bop", "no workpiece seen", "scenes in which some are visible")
+    return given[:-held], validation
+
+
+def _labelled(workpiece: Workpiece, scenes: list[Scene]) -> list[Sample]:
     view = overhead_view(workpiece)
-    drawn = [make_sample(workpiece, poses, view, np.random.default_rng((7, i))) for i, poses in enumerate(held)]
-    return heaps, [sample for sample in drawn if sample is not None]
+    samples = []
+    for i, scene in enumerate(scenes):
+        rng = np.random.default_rng((7, i))
+        if isinstance(scene, BopImage):
+            samples.append(image_sample(workpiece, scene, rng))
+        elif len(scene):
+            samples.append(make_sample(workpiece, scene, view, rng))
+    return [sample for sample in samples if sample is not None]
 
 
 def _line(row: dict[str, float]) -> str:
@@ -100,6 +136,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--minutes", type=float, default=d.minutes, help=f"stop after these (default {d.minutes:g})")
     parser.add_argument("--clouds", type=int, default=d.clouds, help="stop after this many clouds")
     parser.add_argument("--heaps", type=int, default=d.heaps, help=f"settled heaps to train on (default {d.heaps})")
+    add_source_arguments(parser)
     parser.add_argument("--batch", type=int, default=d.batch, help=f"clouds a step (default {d.batch}; more on CUDA)")
     parser.add_argument("--reuse", type=int, default=d.reuse, help="times a rendered cloud is used")
     parser.add_argument("--lr", type=float, default=d.learning_rate, help="peak learning rate")
@@ -137,14 +174,16 @@ def main_train(args: argparse.Namespace) -> int:
         raise InputError("command line", "--loaders, --seed", (args.loaders, args.seed), "0 or more")
     workpiece = load_workpiece(args.workpiece)
     network = network_config(args.variant, workpiece)
+    given = given_scenes(args, workpiece, os.cpu_count() or 1)
     config = TrainConfig(
-        minutes=args.minutes, clouds=args.clouds, heaps=args.heaps, batch=args.batch, reuse=args.reuse,
+        minutes=args.minutes, clouds=args.clouds, heaps=len(given) if given else args.heaps,
+        batch=args.batch, reuse=args.reuse,
         learning_rate=args.lr, loaders=args.loaders, seed=args.seed,
         init=str(_init_path(args.init, args.variant)) if args.init else "",
         network=network,
     )  # fmt: skip
     out = args.out or Path("out") / "train" / (workpiece.name + (f"-{args.variant}" if args.variant != "ps6d" else ""))
     console = Console()
-    path = train(workpiece, config, out, args.resume, console, command_line(args))
+    path = train(workpiece, config, out, args.resume, console, command_line(args), given)
     console.print(f"weights: {path}\ncurves:  {out / 'curves.png'}")
     return 0

@@ -10,6 +10,8 @@ import math
 import numba
 import numpy as np
 
+from cell.point import moved
+
 
 @numba.njit(cache=True)
 def flange(arm, q, T):  # type: ignore[no-untyped-def]
@@ -45,16 +47,6 @@ def flanges(arm, q):  # type: ignore[no-untyped-def]
         flange(arm, q[i], Ts[i])
         Ts[i, 3, 3] = 1.0
     return Ts
-
-
-@numba.njit(cache=True)
-def moved(T, p):  # type: ignore[no-untyped-def]
-    """T (4, 4) times the point p (3,)."""
-    return (
-        T[0, 0] * p[0] + T[0, 1] * p[1] + T[0, 2] * p[2] + T[0, 3],
-        T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3],
-        T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3],
-    )
 
 
 @numba.njit(cache=True)

@@ -23,7 +23,7 @@ from robots.failure import Contact
 from robots.inverse import arm_of
 from robots.model import RobotModel
 
-Mode = Literal["transit", "contact"]
+Mode = Literal["transit", "contact", "depart", "leave"]
 Ground = tuple[coal.CollisionGeometry, pin.SE3]
 
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
@@ -59,10 +59,13 @@ class CollisionScene:
             `finger` may enter the height field in mode `contact`.
         obstacles: boxes in the world; parts of the cell that never move.
         heightfield: the scanned pile above the bin, or None.
+        start_boxes: boxes of the gripper as it is until it has left where it waits; None for `tool_boxes`.
+        placed: ground of what was placed elsewhere; `placed_before`: without what was let go last.
 
-    Mode `transit` checks everything. Mode `contact`, for the last line to a grasp and the first line after it, ignores
-    fingers and held part against the height field, and shrinks the held part by its pose tolerance; walls and table
-    count.
+    Mode `transit` checks everything. So does mode `leave`, with the gripper as it waits, and mode `depart`, for the
+    line away from where it waits, which ignores what it has just let go. Mode `contact`, for the last line to a grasp
+    and the first line after it, ignores fingers and held part against the height field, and shrinks the held part by
+    its pose tolerance; walls and table count.
     """
 
     def __init__(
@@ -71,13 +74,18 @@ class CollisionScene:
         tool_boxes: Sequence[Box],
         obstacles: Sequence[Box],
         heightfield: HeightField | None = None,
+        start_boxes: Sequence[Box] | None = None,
+        placed: HeightField | None = None,
+        placed_before: HeightField | None = None,
     ) -> None:
         self.robot = robot
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
+        self.start_boxes = self.tool_boxes if start_boxes is None else tuple(start_boxes)
+        self._placed, self._placed_before = (None if f is None else _ground(f) for f in (placed, placed_before))
         self._ground = self._ground_held = None if heightfield is None else _ground(heightfield)
         self._held: tuple[Box, ...] = ()
         self._tolerance = 0.0
-        self._checkers: dict[bool, _Checker] = {}
+        self._checkers: dict[str, _Checker] = {}
         self._corners_of: tuple[tuple[Box, ...] | None, Array] = (None, np.zeros((0, 3)))
 
     def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005, without: HeightField | None = None) -> None:
@@ -91,9 +99,9 @@ class CollisionScene:
         """
         held = tuple(boxes_flange)
         self._ground_held = self._ground if without is None else _ground(without)
-        known = self._checkers.get(True)
+        known = self._checkers.get("held")
         if known is not None and not known.takes(held, tolerance):
-            del self._checkers[True]
+            del self._checkers["held"]
         self._held, self._tolerance = held, tolerance
 
     @property
@@ -180,24 +188,36 @@ class CollisionScene:
         """Corners (n, 3) of tool and held part, and the flange, in the flange frame."""
         known, corners = self._corners_of
         if known is not self._held:
-            corners = np.concatenate([np.zeros((1, 3)), *(_corners(b) for b in (*self.tool_boxes, *self._held))])
+            boxes = (*self.tool_boxes, *self.start_boxes, *self._held)
+            corners = np.concatenate([np.zeros((1, 3)), *(_corners(b) for b in boxes)])
             self._corners_of = self._held, corners
         return corners
 
     def _checker(self, mode: Mode) -> _Checker:
-        held = bool(self._held)
-        if held not in self._checkers:
-            self._checkers[held] = _Checker(self, self._held, self._tolerance)
-        if held:
-            self._checkers[held].stand_over(self._ground_held)
-        self._checkers[held].turn_to(mode)
-        return self._checkers[held]
+        state = "held" if self._held else "empty"
+        if mode in ("depart", "leave"):
+            state, mode = mode, "transit"
+        if state not in self._checkers:
+            boxes = self.start_boxes if state in ("depart", "leave") else self.tool_boxes
+            placed = self._placed_before if state == "depart" else self._placed
+            self._checkers[state] = _Checker(self, boxes, placed, self._held, self._tolerance)
+        if state == "held":
+            self._checkers[state].stand_over(self._ground_held)
+        self._checkers[state].turn_to(mode)
+        return self._checkers[state]
 
 
 class _Checker:
     """Pinocchio's geometry for one held part, with only the pairs that count."""
 
-    def __init__(self, scene: CollisionScene, held: tuple[Box, ...], tolerance: float) -> None:
+    def __init__(
+        self,
+        scene: CollisionScene,
+        tool_boxes: tuple[Box, ...],
+        placed: Ground | None,
+        held: tuple[Box, ...],
+        tolerance: float,
+    ) -> None:
         self.model = scene.robot.kinematics
         self.data = self.model.createData()
         self.geometry = _arm_geometry(scene.robot).copy()
@@ -207,7 +227,7 @@ class _Checker:
         last = self.model.njoints - 1
         T_joint_flange = frames[scene.robot.flange].placement
 
-        tool = [self._add(b.name, last, T_joint_flange, b) for b in scene.tool_boxes]
+        tool = [self._add(b.name, last, T_joint_flange, b) for b in tool_boxes]
         part = [self._add("held", last, T_joint_flange, b) for b in held]
         slim = [self._add("held", last, T_joint_flange, _smaller(b, tolerance)) for b in held]
         self._held, self._tolerance, self._parts, self._T_joint_flange = held, tolerance, (part, slim), T_joint_flange
@@ -215,6 +235,7 @@ class _Checker:
         self._ground = scene._ground_held if held else scene._ground
         ground = [] if self._ground is None else [self._add_shape("pile", 0, self._ground[1], self._ground[0])]
         self._pile = ground
+        fixed += [] if placed is None else [self._add_shape("placed", 0, placed[1], placed[0])]
         fingers = {t for t in tool if self.names[t].startswith("finger")}
 
         arm = [a for a, i in links if i > 0]

@@ -68,13 +68,6 @@ def bearable(robot: RobotModel, motion: Motion, scale: float, load: Load | None 
     return float(min(scale, np.sqrt((room / np.maximum(np.abs(moving), 1e-9)).min())))
 
 
-def torque_share(robot: RobotModel, trajectory: Trajectory, load: Load | None = None) -> Array:
-    """Largest torque of each joint (6,) as a share of its limit; above 1 the motor cannot follow."""
-    if len(trajectory.q) < 3:
-        return np.zeros(6)
-    return np.asarray(np.abs(torques(robot, trajectory, load)).max(axis=0) / robot.effort)
-
-
 def _loaded(robot: RobotModel, load: Load) -> pin.Model:
     model = robot.kinematics.copy()
     T_joint_flange = model.frames[robot.flange].placement

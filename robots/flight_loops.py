@@ -14,7 +14,8 @@ import math
 import numba
 import numpy as np
 
-from robots.chain import flange, moved
+from cell.point import moved
+from robots.chain import flange
 from robots.law import rise_table, s_curve_table, state, when
 
 LAWS = 7  # speed, acceleration, jerk of the turn; jerk and share of the first line, of the last line

@@ -14,7 +14,7 @@ from robots.dynamics import bearable
 from robots.failure import Refusal
 from robots.flight import Between, End, Flight, Form
 from robots.inverse import arm_of
-from robots.stop import Line, Pace, Stop
+from robots.stop import Line, Pace, Stop, first_beyond
 from robots.timing import JointPath, Motion
 from robots.trajectory import Trajectory
 
@@ -70,7 +70,7 @@ def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, fo
             heappush(waiting, found)
 
     def hit_by(tried: _Candidate) -> float | None:
-        return _hit(scene, Motion((tried.flight,), end.q), start, end)
+        return _hit(scene, Motion((tried.flight,), end.q), start, end, pace.T_flange_tool)
 
     add((0, 0, 0))
     while waiting and len(seen) < forms:
@@ -100,7 +100,7 @@ def _end(stop: Stop) -> End | None:
     return End(stop.q, line.path, line.length, min(line.length, stop.straight or line.length))
 
 
-def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop) -> float | None:
+def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop, T_flange_tool: Array) -> float | None:
     """Where in [0, 1] of its time a motion touches something or leaves the joint limits; None where it is free.
 
     Each stretch is checked in its mode; a glance at a few configurations comes before the whole.
@@ -113,16 +113,20 @@ def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop) -> float
     last = len(q) - 1 - _on_line(scene, q[::-1], end)
     if first >= last:
         first, last = 0, len(q) - 1
-    for k in np.linspace(first, last, GLANCES).astype(int)[1:-1]:
+    left = first
+    if start.mode == "depart" and start.line is not None:
+        left = min(max(first, first_beyond(scene.robot, q, T_flange_tool, start.line.length)), last)
+    for k in np.linspace(left, last, GLANCES).astype(int)[1:-1]:
         if not scene.free(q[k]):
             return float(k) / (len(q) - 1)
     stretches: tuple[tuple[int, int, Mode], ...] = (
-        (first, last, "transit"),
+        (left, last, "transit"),
+        (first, left, "leave"),
         (0, first, start.mode),
         (last, len(q) - 1, end.mode),
     )
     for a, b, mode in stretches:
-        if b > a or mode != "transit":
+        if b > a or mode in ("contact", "depart"):
             where = scene.blocked_at(q[a : b + 1], mode)
             if where is not None:
                 return (a + where) / (len(q) - 1)

@@ -24,7 +24,7 @@ from robots.failure import Cause, PlanFailure, Refusal, Stage
 from robots.inverse import FRONT, SIGMA_MIN, Branches, flange_poses, inverse
 from robots.join import Joined, join
 from robots.search import Method
-from robots.stop import Line, Pace, Stop
+from robots.stop import Line, Pace, Stop, first_beyond
 from robots.timing import rest_to_rest
 from robots.trajectory import DT, Trajectory
 
@@ -204,9 +204,10 @@ def _plan_in_branch(
         return placed
     k, carry, leave = placed
     methods = (approach[1], carry[1], leave[1])
-    lift, carry_on = _split(carry[0], _travelled(scene, request, carry[0].q, request.retract))
+    lift, carry_on = _split(carry[0], first_beyond(scene.robot, carry[0].q, request.T_flange_tool, request.retract))
     sigma = float(found.sigma[0, slot])
-    cleared = _travelled(scene, request, approach[0].q, request.depart) if request.depart else 0
+    q, away = approach[0].q, request.depart
+    cleared = first_beyond(scene.robot, q, request.T_flange_tool, away) if away else 0
     return PickPlan(approach[0], lift, carry_on, leave[0], k, slot, sigma, methods, cleared)
 
 
@@ -216,7 +217,7 @@ def _start(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailure:
         return Stop(request.q_start)
     T = flange_poses(scene.robot, request.q_start[None])[0]
     rise, what = request.depart * UP, "line from the start"
-    return _stop(scene, request, T, request.q_start, rise, "transit", Stage.APPROACH, what)
+    return _stop(scene, request, T, request.q_start, rise, "depart", Stage.APPROACH, what)
 
 
 def _place(
@@ -290,13 +291,6 @@ def _stop(
     stop = Stop(q, Line(scene.robot, T, q, way), mode, straight)
     usable = stop.usable
     return PlanFailure(stage, usable, what) if isinstance(usable, Refusal) else stop
-
-
-def _travelled(scene: CollisionScene, request: PickRequest, q: Array, distance: float) -> int:
-    """Index of the first of q (n, 6) whose TCP is `distance` [m] from where it began, or of the farthest of all."""
-    points = (flange_poses(scene.robot, q) @ request.T_flange_tool)[:, :3, 3]
-    away = np.linalg.norm(points - points[0], axis=1)
-    return int(np.argmax(away >= min(distance, away.max())))
 
 
 def _split(whole: Trajectory, at: int) -> tuple[Trajectory, Trajectory]:

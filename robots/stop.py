@@ -11,6 +11,7 @@ from cell.frames import Array
 from robots.collision import Mode
 from robots.dynamics import Load
 from robots.failure import Refusal
+from robots.inverse import flange_poses
 from robots.model import RobotModel
 from robots.timing import JointPath
 from robots.trajectory import tool_line
@@ -34,6 +35,13 @@ class Pace:
     T_flange_tool: Array
     acceleration: float | None = None
     load: Load | None = None
+
+
+def first_beyond(robot: RobotModel, q: Array, T_flange_tool: Array, distance: float) -> int:
+    """Index of the first of q (n, 6) whose TCP is `distance` [m] from where it began, or of the farthest of all."""
+    points = (flange_poses(robot, q) @ T_flange_tool)[:, :3, 3]
+    away = np.linalg.norm(points - points[0], axis=1)
+    return int(np.argmax(away >= min(distance, away.max())))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from cell.errors import InputError
+from cell.processes import FOLDERS
 
 ORACLES = ("perception", "grasp", "motion")
 """Stages that ground truth can replace, in the order of a pick; docs/statistics.md defines each."""
@@ -51,3 +56,24 @@ def add_change_arguments(parser: argparse.ArgumentParser) -> None:
         "--oracle", choices=ORACLES, action="append", default=[], help="replace this stage by ground truth"
     )
     parser.add_argument("--workers", type=integer(1, 256), default=1, metavar="K", help="processes (default 1)")
+
+
+def take_folders(words: Sequence[str]) -> tuple[list[str], str]:
+    """The words without every `--workpieces DIR`, and the new PICKPROOF_WORKPIECES; empty where none was given.
+
+    Raises:
+        InputError: no folder follows, or it does not exist (`onboard` makes its own).
+    """
+    option, rest, folders = "--workpieces", [], []
+    take = iter(words)
+    for word in take:
+        name, equals, value = word.partition("=")
+        if name != option:
+            rest.append(word)
+            continue
+        folder = value if equals else next(take, "")
+        if not folder or (not Path(folder).is_dir() and words[0] != "onboard"):
+            raise InputError("command line", option, folder, "an existing folder of workpiece folders")
+        folders.append(str(Path(folder).resolve()))
+    before = os.environ.get(FOLDERS, "")
+    return rest, os.pathsep.join([*folders, *([before] if before else [])]) if folders else ""

@@ -15,8 +15,8 @@ from rich.console import Console
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
 from scenarios.attribution import MODES, Attribution, attribute, plot_attribution, print_attribution, verdict_line
-from scenarios.campaign import Runner
 from scenarios.files import write_json
+from scenarios.job import Runner
 from scenarios.paired import outcomes
 from scenarios.scenario import Scenario, load_scenario
 from scenarios.store import FILE, Store
@@ -50,7 +50,7 @@ def run_modes(
             run_point(Point((), scenario, folder), episodes, workers, frozenset(mode), runner, command, {})
         )
         with Store.read(folder) as store:
-            known.append(outcomes(store.attempts(), store.episodes()))
+            known.append(outcomes(store.attempts(large=False), store.episodes()))
         folders.append(folder / FILE)
     result = attribute(known, summaries, folders)
     write_json(out / "attribution.json", as_document(result, command))

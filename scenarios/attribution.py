@@ -116,8 +116,17 @@ def _bootstrap(sides: Sequence[Sequence[Outcome]]) -> np.ndarray | None:
     return np.diff(successes[:, drawn].sum(2) / total, axis=0).T
 
 
+def leads_the_rest(a: Attribution) -> bool:
+    """What fails with all stages replaced is, at the lower end of its interval, more than any stage costs."""
+    costs = [s.success.difference for s in a.stages if s.success is not None]
+    return a.rest is not None and 1.0 - a.summaries[-1]["cluster95"][1] > max(0.0, *costs)
+
+
 def verdict_line(a: Attribution) -> str:
     """What to mend first, in a sentence."""
+    if leads_the_rest(a):
+        left = _left(a.summaries[-1])
+        return f"mend grip, placing or the scenario first: with every stage replaced {percent(a.rest)} still fail{left}"
     if a.named is None:
         lead = max((s for s in a.stages if s.most), key=lambda s: s.most or 0.0, default=None)
         seen = (
@@ -147,12 +156,19 @@ def print_attribution(console: Console, a: Attribution) -> None:
         rate = percent(s["success_rate"]), interval(s["cluster95"])
         table.add_row(name, *rate, *cost, percent(s["clearance"]), str(s["no_picks"]))
     console.print(table)
-    console.print(f"left when all are replaced: {percent(a.rest)} of the attempts fail", highlight=False)
+    left = f"left when all are replaced: {percent(a.rest)} of the attempts fail{_left(a.summaries[-1])}"
+    console.print(left, soft_wrap=True, highlight=False)
     console.print(f"[bold]{verdict_line(a)}[/]", soft_wrap=True, highlight=False)
 
 
+def _left(summary: dict[str, Any]) -> str:
+    """The reasons of what failed and of no-picks, in brackets."""
+    reasons = ", ".join(f"{reason} {n}" for reason, n in summary["reasons"].items())
+    return f" ({reasons})" if reasons else ""
+
+
 def plot_attribution(a: Attribution, path: Path) -> None:
-    """Left the rate with one oracle more each, right what each stage costs; bars are 95 % intervals."""
+    """Left the rate with one oracle more each, right the cost of each stage; bars: 95 %, squares: clearance."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.4, 3.2), layout="constrained")
@@ -167,9 +183,11 @@ def plot_attribution(a: Attribution, path: Path) -> None:
     left.set_xlim(-0.4, len(names) - 0.6)
     left.set_ylabel("%")
     left.set_title("ground truth in place of one stage more", fontsize=10)
-    left.legend(fontsize=8, loc="lower right")
+    left.legend(fontsize=8)
     for k, stage in enumerate(a.stages):
-        if stage.success is None:
+        if stage.clearance is not None:
+            right.plot(100 * stage.clearance.difference, k, "s", mfc="none", color="#b35900", zorder=3)
+        if stage.success is None:  # an arm that never moved has no rate
             continue
         d = stage.success
         colour = "#c2463a" if stage.name == a.named else "#7d8896"
@@ -179,8 +197,9 @@ def plot_attribution(a: Attribution, path: Path) -> None:
     right.set_yticks(range(len(a.stages)), [s.name for s in a.stages])
     right.invert_yaxis()
     right.axvline(0, color="#1b2430", linewidth=0.8)
-    right.set_xlabel("points of pick success")
+    right.set_xlabel("points of success; squares: clearance")
     right.set_title("what the stage costs", fontsize=10)
     for panel in (left, right):
         panel.grid(axis="y" if panel is left else "x", alpha=0.3)
+        panel.set_axisbelow(True)
     figure.savefig(path, dpi=130)

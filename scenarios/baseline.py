@@ -15,8 +15,9 @@ from pydantic import Field, field_validator
 from cell.config import Config, parse
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_change_arguments, integer
-from scenarios.campaign import Event, Runner, run_campaign
+from scenarios.campaign import Event, run_campaign
 from scenarios.files import write_whole
+from scenarios.job import Runner
 from scenarios.paired import MEASURES, Measure, Outcome, outcomes
 from scenarios.scenario import Scenario, load_scenario, weights_used
 from scenarios.store import FILE, Store

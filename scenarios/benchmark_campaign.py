@@ -27,6 +27,7 @@ from scenarios.arguments import integer
 from scenarios.campaign import run_campaign
 from scenarios.episode import run_episode
 from scenarios.files import write_json
+from scenarios.job import Job
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.scenario import Scenario, load_scenario, weights_used
 from scenarios.store import Store
@@ -55,14 +56,7 @@ class Timed:
     handing_s: float
 
 
-def timed_episode(
-    folder: Path,
-    scenario: Scenario,
-    seed: int,
-    oracle: frozenset[str],
-    on_attempt: Callable[[AttemptRecord], None],
-    pictures: bool,
-) -> EpisodeRecord:
+def timed_episode(folder: Path, job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
     """`run_episode`, with its times in FOLDER/SEED.json; the first of a process is preceded by what loads lazily."""
     handing, tried = 0.0, 0
 
@@ -74,10 +68,10 @@ def timed_episode(
         handing += time.process_time() - start
 
     begun, start = time.time(), time.process_time()
-    end = run_episode(scenario, seed, oracle, hand_on, pictures)
+    end = run_episode(job, hand_on)
     spent = time.process_time() - start
-    timed = Timed(seed, tried, begun, time.time(), spent, handing)
-    write_json(folder / f"{seed}.json", vars(timed))
+    timed = Timed(job.seed, tried, begun, time.time(), spent, handing)
+    write_json(folder / f"{job.seed}.json", vars(timed))
     return end
 
 
@@ -112,7 +106,7 @@ def split_of(scenario: Scenario) -> dict[str, float]:
     tried: list[AttemptRecord] = []
     with _stages(spent):
         start = time.process_time()
-        run_episode(scenario, scenario.seed, ORACLE, tried.append, False)
+        run_episode(Job(scenario, scenario.seed, ORACLE), tried.append)
         total = time.process_time() - start
     n = max(1, sum(a.moved for a in tried))
     steps = spent.pop("steps")

@@ -28,9 +28,12 @@ from robots.collision import CollisionScene
 from robots.inverse import inverse
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
+from scenarios.choose import choose
+from scenarios.decide import Decision, decide
 from scenarios.episode import oracle_perception
+from scenarios.memory import Memory
 from scenarios.move import release_opening
-from scenarios.pick import Decision, Memory, choose, decide, request_of
+from scenarios.planners import request_of
 from scenarios.scan import Scan
 from scenarios.scenario import Scenario, load_scenario
 from scenarios.workcell import Workcell
@@ -133,7 +136,7 @@ def summary(measured: list[Measured]) -> dict[str, Any]:
 
 def _empty(cell: Workcell, seed: int, picks: int) -> Iterator[Measured]:
     """Picks of one bin, one after the other."""
-    memory = Memory(cell.new_place())
+    memory = Memory.of(cell)
     for attempt in range(picks):
         rng = np.random.default_rng((seed, 1, attempt))
         frame, ids = cell.capture(rng)
@@ -186,8 +189,10 @@ def _carry_out(cell: Workcell, request: PickRequest, decision: Decision, T_world
     T_world_placed = request.Ts_base_tool_place[plan.place] @ invert(candidate.T_part_tool)
     cell.world.place_part(int(np.argmin(distances)), T_world_placed)
     cell.world.run_until_rest(2.0)
+    memory.placed.add(T_world_placed, memory.place.fall)
     memory.place.fill(plan.place)
     memory.waits_at = plan.carry.q[-1]
+    memory.opened = release_opening(cell, cell.new_place(), candidate.opening, request.Ts_base_tool_place[plan.place])
 
 
 def _ik_time(robot: RobotModel, request: PickRequest) -> float:

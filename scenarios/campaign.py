@@ -13,15 +13,19 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cell.errors import InputError
 from scenarios.inputs import changed, input_hashes, inputs_hash, versions
-from scenarios.pool import STALL_S, Event, Failure, Kind, Pool, Runner, Task
+from scenarios.job import Job, Runner
+from scenarios.pool import STALL_S, Event, Failure, Kind, Pool, Task
 from scenarios.provenance import provenance
 from scenarios.records import AttemptRecord, EpisodeRecord, Reason
 from scenarios.scenario import Scenario, scenario_hash, scenario_json
 from scenarios.store import Store
+
+if TYPE_CHECKING:
+    from scenarios.tape import Keep
 
 RETRIES: dict[Kind, int] = {"broken": 0, "crashed": 1, "killed": 9}
 """How often an episode is run again after each kind of failure; a kill from outside says nothing about the episode."""
@@ -40,6 +44,7 @@ def run_campaign(
     command: str = "",
     resume: bool = False,
     pictures: bool = True,
+    keep: Keep | None = None,
     on_event: Callable[[Event], None] = lambda event: None,
     stall_s: float = STALL_S,
     expected_s: Mapping[int, float] | None = None,
@@ -52,6 +57,7 @@ def run_campaign(
         oracle: stages replaced by ground truth.
         runner: runs one episode; it is sent to the workers by its import path.
         command: the command line, for the report.
+        keep: which attempts are kept to look at again; None for none.
         on_event: called in the driver after each commit.
         stall_s: [s] without a word from an episode after which it counts as hung.
         expected_s: seed -> time that its episode takes, where known: the longest are begun first.
@@ -75,10 +81,10 @@ def run_campaign(
     told = {"scenario": scenario_json(scenario), "episodes": episodes, "command": command, "wall_s": 0.0}
     told |= provenance()
     begun = time.perf_counter()
-    task = Task(scenario, oracle, runner, pictures)
+    task = Task(runner, Job(scenario, seed, oracle, pictures, keep), identity, stall_s)
     with (
         _signals_noted() as interrupted,
-        _pool(task, workers, stall_s, interrupted, ray, identity) as pool,
+        _pool(task, workers, interrupted, ray) as pool,
         Store.resume(out)
         if resume
         else Store.create(out, identity | told | {"inputs_hash": inputs_hash(inputs)}) as store,
@@ -100,22 +106,15 @@ def run_campaign(
 
 
 @contextmanager
-def _pool(
-    task: Task,
-    workers: int,
-    stall_s: float,
-    interrupted: Callable[[], bool],
-    ray: str | None,
-    identity: Mapping[str, Any],
-) -> Iterator[Pool]:
+def _pool(task: Task, workers: int, interrupted: Callable[[], bool], ray: str | None) -> Iterator[Pool]:
     if ray is None:
         from scenarios.workers import Workers
 
-        yield Workers(task, workers, interrupted, stall_s)
+        yield Workers(task, workers, interrupted)
     else:
         from scenarios.cluster import connected
 
-        with connected(ray, workers, task, identity, interrupted, stall_s) as pool:
+        with connected(ray, workers, task, interrupted) as pool:
             yield pool
 
 

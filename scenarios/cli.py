@@ -10,13 +10,13 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
 from cell.errors import InputError, PickproofError
-from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from cell.processes import FOLDERS, child_environment
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer, take_folders
 from scenarios.files import free_folder
 
 _OWN = {  # commands whose module (dashes are underscores) adds its arguments and has a `main`
@@ -24,14 +24,20 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "index": "one page over many runs, with the trend of the rate",
     "replay": "one attempt in 3-D in the browser, or as a film",
     "export-program": "the motion of one attempt as a Fanuc TP program (.LS)",
-    "grasps": "check, propose, import and export the grasp points of a workpiece",
+    "grasps": "edit, check, propose, import and export the grasp points of a workpiece",
     "compare": "compare two campaigns over the same bins",
     "baseline": "write a small JSON file that a gate compares with",
     "gate": "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
     "export": "the attempts of a campaign as a Parquet file",
     "attribute": "what perception, grasp choice and motion each cost, and what to mend first",
+    "onboard": "a CAD file made a workpiece: mesh checked, symmetry, collision pieces, grasps, a cell for it, a page",
     "tune": "move grasp points, weights and fields until more picks succeed, proved over unseen bins",
     "sweep": "run a scenario for every combination of values",
+}
+
+_PERCEPTION = {  # the same for modules of perception
+    "generate": "settled scenes of a workpiece, stored as poses, and their export as a BOP dataset",
+    "perceive": "the poses of workpieces in a depth image or point cloud of your own",
 }
 
 
@@ -46,10 +52,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        args = _parser(words).parse_args(words)
+        rest, folders = take_folders(words)
+        args = _parser(rest).parse_args(rest)
         command: Callable[[argparse.Namespace], int] = args.command
         args.words = words
-        return command(args)
+        with child_environment({FOLDERS: folders} if folders else {}):
+            return command(args)
     except SystemExit as leaving:  # argparse: help and errors
         return int(leaving.code or 0)
     except PickproofError as error:
@@ -66,6 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser = _Parser(prog="pickproof", description="Proves a pick rate before the cell exists.")
     parser.add_argument("--version", action="version", version=_version())
+    parser.add_argument(
+        "--workpieces", metavar="DIR", help="any command takes it: a folder of your own workpieces, looked up first"
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="run episodes of a scenario and write DIR/results.sqlite and summary.json")
@@ -128,10 +139,11 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     benchmark.set_defaults(command=_benchmark)
     fit_score.set_defaults(command=_fit_score)
 
-    for name, text in _OWN.items():
+    for name, text in (_OWN | _PERCEPTION).items():
         own = commands.add_parser(name, help=text)
         if name in words[:1]:
-            module = import_module(f"scenarios.{name.replace('-', '_')}")
+            folder = "perception" if name in _PERCEPTION else "scenarios"
+            module = import_module(f"{folder}.{name.replace('-', '_')}")
             module.add_arguments(own)
             own.set_defaults(command=module.main)
 
@@ -181,7 +193,8 @@ def _run(args: argparse.Namespace) -> int:
                 ray=args.ray,
                 oracle=oracle,
                 out=out,
-                runner=partial(run_episode, keep=Keep(out, args.keep)),
+                runner=run_episode,
+                keep=Keep(out, args.keep),
                 weights_hash=weights_used(scenario, oracle),
                 command=f"pickproof {shlex.join(args.words)}",
                 resume=args.resume,

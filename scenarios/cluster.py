@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -26,7 +26,7 @@ from scenarios.scenario import scenario_hash, weights_used
 from scenarios.workers import Workers
 
 # read by Ray when it is imported: a node that no cluster can join serves on 127.0.0.1 only, whatever the system
-_ON_LOOPBACK = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
+ON_LOOPBACK = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 REACH_S = 5.0
 """[s] in which a cluster must answer."""
 LOST_S = 120.0
@@ -43,22 +43,21 @@ def connected(
     address: str,
     workers: int,
     task: Task,
-    identity: Mapping[str, Any],
     interrupted: Callable[[], bool],
-    stall_s: float,
 ) -> Iterator[Cluster]:
     """A pool on the cluster at `address`, or on one that is started here for `local`, on loopback alone.
 
     Args:
         workers: episodes at a time; 0 for all processors of the cluster.
-        identity: `inputs`, `versions` and `weights_hash` that every node must have.
 
     Raises:
         InputError: Ray is not installed, or nothing answers at the address.
     """
     environment = {**WORKER_ENVIRONMENT, "RAY_USAGE_STATS_ENABLED": "0"}
     if address == "local":
-        environment |= _ON_LOOPBACK | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    if address == "local" or _is_on_loopback_only(address):
+        environment |= ON_LOOPBACK
     with _own_signals(), child_environment(environment):
         ray = _ray(address)
         quiet: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
@@ -76,7 +75,7 @@ def connected(
                 valid = f"a Ray cluster that answers ({_line(error)})"
                 raise InputError("command line", "--ray", address, valid) from None
     try:
-        yield Cluster(ray, address, workers, task, identity, interrupted, stall_s)
+        yield Cluster(ray, address, workers, task, interrupted)
     finally:
         ray.shutdown()
 
@@ -90,15 +89,12 @@ class Cluster:
         address: str,
         workers: int,
         task: Task,
-        identity: Mapping[str, Any],
         interrupted: Callable[[], bool],
-        stall_s: float,
     ) -> None:
         self._ray, self._address, self._workers, self._interrupted = ray, address, workers, interrupted
-        self._name = scenario_hash(task.scenario)[:16]
-        self._lost_s = stall_s + LOST_S
-        must = {key: identity[key] for key in ("inputs", "versions", "weights_hash")}
-        self._arguments = (ray.put(task), must, stall_s)
+        self._name = scenario_hash(task.first.scenario)[:16]
+        self._lost_s = task.stall_s + LOST_S
+        self._task = ray.put(task)
         self._remote = ray.remote(num_cpus=1, num_returns="streaming", max_retries=0)(_episode)
         self._running: dict[Any, int] = {}
         self._heard: dict[Any, float] = {}
@@ -141,7 +137,7 @@ class Cluster:
         room = self._workers or int(self._ray.cluster_resources().get("CPU", 1))
         while self._waiting and len(self._running) < room:
             seed = self._waiting.popleft()
-            stream = self._remote.options(name=f"{self._name}-{seed}").remote(seed, *self._arguments)
+            stream = self._remote.options(name=f"{self._name}-{seed}").remote(seed, self._task)
             self._running[stream], self._heard[stream] = seed, time.monotonic()
 
     def _hear(self, stream: Any) -> Event | Failure:
@@ -172,20 +168,21 @@ class Cluster:
 _workers: Workers | None = None
 
 
-def _episode(seed: int, task: Task, must: Mapping[str, Any], stall_s: float) -> Iterator[Message]:
+def _episode(seed: int, task: Task) -> Iterator[Message]:
     """The Ray task: an episode in a worker process, which the node keeps for the next one."""
     global _workers
+    scenario, oracle = task.first.scenario, task.first.oracle
     have = {
-        "inputs": input_hashes(task.scenario, task.oracle),
+        "inputs": input_hashes(scenario, oracle),
         "versions": versions(),
-        "weights_hash": weights_used(task.scenario, task.oracle),
+        "weights_hash": weights_used(scenario, oracle),
     }
-    different = changed(must, have)
+    different = changed(task.identity, have)
     if different:
         yield PickproofError(f"node {socket.gethostname()}: has other {', '.join(different)} than the driver")
         return
     if _workers is None:
-        _workers = Workers(task, 1, lambda: False, stall_s)
+        _workers = Workers(task, 1, lambda: False)
     try:
         yield from _workers.run([seed])
     except PickproofError as error:
@@ -207,6 +204,21 @@ def _check_loopback(ray: Any) -> None:
     if ray.util.get_node_ip_address() not in ("127.0.0.1", "::1"):
         ray.shutdown()
         raise InputError("command line", "--ray", "local", "a process that has not imported Ray before")
+
+
+def _is_on_loopback_only(address: str) -> bool:
+    """Ray takes the machine's outward address for 127.0.0.1 by itself, and waits for ever where none answers there."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host not in ("127.0.0.1", "localhost") or not port.isdigit():
+        return False
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+            asked.connect(("192.0.2.1", 9))  # of documentation, RFC 5737; nothing is sent
+            outward = asked.getsockname()[0]
+        socket.create_connection((outward, int(port)), REACH_S).close()
+    except (OSError, OverflowError):
+        return True
+    return False
 
 
 def _check_reachable(address: str) -> None:

@@ -10,10 +10,12 @@ import numpy as np
 
 from cell.camera import DepthFrame
 from cell.workpiece import load_workpiece
-from scenarios.pick import Estimates, Memory, Perceive, attempt_pick
+from scenarios.choose import Estimates
+from scenarios.job import Job
+from scenarios.memory import Memory
+from scenarios.pick import Perceive, attempt_pick
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
-from scenarios.scenario import Scenario
-from scenarios.tape import Keep, Tape
+from scenarios.tape import Tape
 from scenarios.workcell import SOURCE, Workcell
 
 ORACLE_PIXELS = 150
@@ -22,30 +24,20 @@ NO_PICKS_IN_A_ROW = 3
 """Images taken one after the other that offer nothing to pick before a bin counts as stuck."""
 
 
-def run_episode(
-    scenario: Scenario,
-    seed: int,
-    oracle: frozenset[str],
-    on_attempt: Callable[[AttemptRecord], None],
-    pictures: bool,
-    keep: Keep | None = None,
-) -> EpisodeRecord:
-    """Fill the bin in the order of `seed` and pick until the end; each attempt is handed on as it ends.
-
-    Args:
-        keep: which attempts are kept to look at again, and where; None for none.
-    """
+def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
+    """Fill the bin in the order of the job's seed and pick until the end; each attempt is handed on as it ends."""
     start = time.perf_counter()
-    perceive = oracle_perception if "perception" in oracle else ps6d(scenario.workpiece, scenario.perception.min_score)
-    cell = Workcell.build(scenario, seed, pictures, oracle)
-    if keep is not None and keep.which != "none":
-        cell.tape = Tape(cell, keep)
+    scenario, exact = job.scenario, "perception" in job.oracle
+    perceive = oracle_perception if exact else ps6d(scenario.workpiece, scenario.perception.min_score)
+    cell = Workcell.build(scenario, job.seed, job.pictures, job.oracle)
+    if job.keep is not None and job.keep.which != "none":
+        cell.tape = Tape(cell, job.keep)
     try:
-        memory = Memory(cell.new_place())
-        picked, attempts, end = _pick_until_end(cell, perceive, memory, seed, on_attempt)
+        memory = Memory.of(cell)
+        picked, attempts, end = _pick_until_end(cell, perceive, memory, job.seed, on_attempt)
     finally:
         cell.close()
-    return EpisodeRecord(seed, cell.dropped, picked, end, attempts, time.perf_counter() - start)
+    return EpisodeRecord(job.seed, cell.dropped, picked, end, attempts, time.perf_counter() - start)
 
 
 def _pick_until_end(

@@ -21,7 +21,7 @@ from robots.trajectory import Trajectory
 from scenarios.gantry import gantry_joints, gantry_line
 
 if TYPE_CHECKING:
-    from scenarios.pick import Memory
+    from scenarios.memory import Memory
     from scenarios.workcell import Workcell
 
 HOME = 0.6  # [m] height of the TCP over the place bin before the first pick

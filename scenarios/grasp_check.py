@@ -44,14 +44,14 @@ def check_grasp_points(
     return rows, len(resting)
 
 
-def tried(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint]) -> list[GraspPoint]:
-    """Of proposed grasp points those that hold, with the share of pose errors that they bear, most robust first."""
+def tried(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint], least: float = 0.5) -> list[GraspPoint]:
+    """Of proposed grasp points those that bear more than the share `least` of pose errors, most robust first."""
     kept = []
     with closing(TrialCell(workpiece, gripper)) as cell:
         resting = cell.resting_poses()
         for point in points:
             share = _robustness(cell, resting, point)
-            if share > 0.5:
+            if share > least:
                 kept.append(point.model_copy(update={"robustness": round(share, 2), "priority": round(share, 2)}))
     return sorted(kept, key=lambda p: -p.robustness)
 

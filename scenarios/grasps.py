@@ -1,10 +1,12 @@
-"""`pickproof grasps ...`: grasp points of a workpiece checked, proposed, imported and exported."""
+"""`pickproof grasps ...`: grasp points of a workpiece edited, checked, proposed, imported and exported."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import secrets
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import yaml
 from rich.console import Console
 from rich.progress import track
 
+from cell.config import read_yaml
 from cell.errors import InputError
 from cell.frames import Array, from_rpy
 from cell.gripper import load_gripper
@@ -22,6 +25,7 @@ from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
 from scenarios.arguments import integer
 
 GRIPPER = "jaw_v1"
+HOST = "127.0.0.1"
 SIX = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
 
 
@@ -43,8 +47,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sampling.add_argument("workpiece", metavar="WORKPIECE")
     sampling.add_argument("--count", type=int, default=12, metavar="N", help="proposals tried (default 12)")
     sampling.add_argument("--seed", type=int, default=0, metavar="S", help="of the rays through the CAD")
+    sampling.add_argument(
+        "--least", type=float, default=0.5, metavar="SHARE", help="of pose errors that a kept grasp bears (default 0.5)"
+    )
     sampling.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
     sampling.set_defaults(run=_sample)
+    editing = commands.add_parser("edit", help="move, judge, try and save grasps on a page in the browser")
+    editing.add_argument("workpiece", metavar="WORKPIECE")
+    editing.add_argument("--gripper", metavar="G", help="default: that of the workpiece's grasps.yaml")
+    editing.add_argument("--grasps", type=Path, metavar="FILE", help="default: the workpiece's grasps.yaml")
+    editing.add_argument("--port", type=integer(0, 65535), default=8080, help="of the page (default 8080)")
+    editing.add_argument(
+        "--host", default=HOST, metavar="H", help=f"address to listen on (default {HOST}); others need the token"
+    )
+    editing.add_argument("--token", metavar="T", help="of the page on another --host; default: drawn at random")
+    editing.set_defaults(run=_edit)
     mapped = commands.add_parser("robustness", help="errors of the pose that each grasp bears, against perception's")
     mapped.add_argument("workpiece", metavar="WORKPIECE")
     mapped.add_argument("--grasps", default="all", metavar="NAMES", help="all, or names with commas (default all)")
@@ -107,6 +124,33 @@ def _check(args: argparse.Namespace) -> int:
     return 0
 
 
+def _edit(args: argparse.Namespace) -> int:
+    from scenarios.grasp_editor import GraspEditor
+
+    workpiece = load_workpiece(args.workpiece)
+    path = args.grasps or workpiece.folder / "grasps.yaml"
+    gripper = load_gripper(args.gripper or _gripper_of(path))
+    token = args.token or (None if args.host == HOST else secrets.token_urlsafe(16))
+    editor = GraspEditor(workpiece, gripper, path, args.port, args.host, token)
+    Console().print(f"editing {path}\nopen {editor.url} in a browser; Ctrl-C ends", soft_wrap=True)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        unsaved = editor.document.changed
+        editor.close()
+        if unsaved:
+            print(f"pickproof: changes of {path} were not saved", file=sys.stderr)
+    return 0
+
+
+def _gripper_of(path: Path) -> str:
+    """The gripper that a table is for, as far as the table can be read."""
+    try:
+        return str(read_yaml(path).get("gripper", GRIPPER))
+    except InputError:
+        return GRIPPER  # the page says what is wrong with the file
+
+
 def _sample(args: argparse.Namespace) -> int:
     from grasping.sample import propose
     from scenarios.grasp_check import tried
@@ -115,12 +159,14 @@ def _sample(args: argparse.Namespace) -> int:
     for name, value, low in (("--count", args.count, 1), ("--seed", args.seed, 0)):
         if value < low:
             raise InputError("command line", name, value, f"an integer from {low}")
-    points = tried(workpiece, gripper, propose(workpiece, gripper, args.count, np.random.default_rng(args.seed)))
+    if not 0 <= args.least < 1:
+        raise InputError("command line", "--least", args.least, "a number from 0 to less than 1")
+    proposals = propose(workpiece, gripper, args.count, np.random.default_rng(args.seed))
+    points = tried(workpiece, gripper, proposals, args.least)
     if not points:
         raise InputError("command line", "workpiece", workpiece.name, f"one that {gripper.name} can hold")
-    comment = (
-        f"Proposed by `pickproof grasps sample {workpiece.name} --gripper {gripper.name}`; schema: docs/grasping.md."
-    )
+    how = f"{workpiece.name} --gripper {gripper.name} --count {args.count} --seed {args.seed} --least {args.least:g}"
+    comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/grasping.md."
     return _write(table_text(points, gripper.name, comment), args.out)
 
 

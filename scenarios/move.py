@@ -62,7 +62,7 @@ def move(
         if staged:
             snap(cell, pictures, "grasp")
         if not closed:
-            log += back_off(cell, candidate, plan, opening)
+            log += back_off(cell, candidate, plan)
     if closed:
         log += run("on", plan.lift.q)
         lifted = held(world, arm)
@@ -80,7 +80,7 @@ def move(
             carried = ()
         elif double:
             carried = ()
-            log += put_back(cell, candidate, plan, opening)
+            log += put_back(cell, candidate, plan)
         else:
             opened = release(world, arm, release_opening(cell, place, candidate.opening, arm.tool_pose()))
             released = not opened.parts
@@ -91,6 +91,8 @@ def move(
     set_back = False
     if log.stopped:
         legs = [np.concatenate([np.zeros((0, 6)), *rows]) for rows in commanded.values()]
+        if len(legs[0]) > plan.cleared:  # as `back_off`, only to where it had left the last place
+            legs[0], opening = legs[0][plan.cleared :], candidate.opening
         back = recover(cell, candidate, legs[0], legs[1], opening)
         robot_s, set_back = world.time - start, back.stopped
         if set_back:

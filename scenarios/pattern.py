@@ -11,7 +11,8 @@ from cell.frames import Array, apply, make_transform
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper
-from scenarios.place import MAX_LEAN, SLOTS_OFFERED
+from scenarios.offers import Offers
+from scenarios.place import ABOVE, MAX_LEAN, SLOTS_OFFERED
 from scenarios.place_config import PatternPlace
 
 HOVER = 0.001  # [m] over the wanted pose at which a workpiece is let go
@@ -19,31 +20,41 @@ SAMPLES = 1500  # points of the surface that stand for a workpiece that was plac
 
 
 @dataclass
-class PatternPlan:
+class PatternPlan(Offers):
     """The cells of a pattern, filled row after row; what was put where is remembered, not measured.
 
     Attributes:
-        used: workpieces released in each cell, 0 or 1.
-        passed: how often each cell was offered and no motion to it was found; others come first then.
-        offered: (k,) cell of each pose that `tool_poses` returned last.
-        lean: (k,) of the tool from the vertical in each of them, in [rad].
+        lean: (k,) of the tool from the vertical in each pose that `tool_poses` returned last, in [rad].
     """
 
     bin: Bin
     workpiece: Workpiece
     gripper: Gripper
     pattern: PatternPlace
-    used: list[int] = field(init=False)
-    passed: list[int] = field(init=False)
-    offered: np.ndarray = field(init=False)
     lean: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self.wanted = self.bin.T_world_bin @ self.pattern.Ts_bin_part
-        self.used, self.passed = [0] * len(self.wanted), [0] * len(self.wanted)
-        self.offered, self.lean = np.zeros(0, dtype=np.intp), np.zeros(0)
+        self._none_yet(len(self.wanted))
+        self.lean = np.zeros(0)
         self._equivalents = make_transform(self.workpiece.symmetry.rotations())
         self._surface = self.workpiece.sample_surface(SAMPLES, seed=6)[0]
+
+    @property
+    def line(self) -> float:
+        """[m] of straight line down to a pose: over the rim, and over the workpieces that were placed."""
+        heights = apply(self.pattern.Ts_bin_part, self.workpiece.vertices)[..., 2]
+        return max(self.bin.inner[2], float(heights.max())) + ABOVE
+
+    @property
+    def fall(self) -> float:
+        """[m] that a workpiece falls when it is let go."""
+        return HOVER
+
+    @property
+    def rounds(self) -> int:
+        """How often other cells can be offered until every free one was."""
+        return -(-self.used.count(0) // SLOTS_OFFERED)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
         """(n,) bool: held so (n, 4, 4), the workpiece can be put down in a cell of an empty bin.
@@ -84,15 +95,6 @@ class PatternPlan:
         order = {int(cell): i for i, cell in enumerate(dict.fromkeys(self.offered.tolist()))}
         steps = np.rint(np.rad2deg(self.lean) / 5.0).astype(int)
         return tuple(100 * order[int(cell)] + int(step) for cell, step in zip(self.offered, steps, strict=True))
-
-    def fill(self, pose: int) -> None:
-        """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""
-        self.used[self.offered[pose]] += 1
-
-    def pass_over(self) -> None:
-        """Offer other cells next time: no motion led to those of the last `tool_poses`."""
-        for cell in np.unique(self.offered):
-            self.passed[cell] += 1
 
     def room(self, T_world_tool: Array, opening: float) -> bool:
         """Whether the gripper, `opening` [m] open, keeps off the bin and what was placed before."""

@@ -14,7 +14,7 @@ from grasping.candidates import GraspCandidate
 from scenarios.workcell import Workcell
 
 if TYPE_CHECKING:
-    from scenarios.pick import Estimates
+    from scenarios.choose import Estimates
 
 CHOSEN, OTHERS, TOOL = (60, 220, 60), (255, 170, 40), (60, 60, 255)  # BGR
 

@@ -7,19 +7,15 @@ gives the same records; the driver alone writes them down.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol
 
 from cell.errors import PickproofError, SimulationError
+from scenarios.job import Job, Runner
 from scenarios.records import AttemptRecord, EpisodeRecord
-from scenarios.scenario import Scenario
 
-Runner = Callable[[Scenario, int, frozenset[str], Callable[[AttemptRecord], None], bool], EpisodeRecord]
-"""(scenario, seed, oracle, on_attempt, pictures) -> how the episode ended; importable by name in a fresh process."""
-
-STALL_S = 900.0
-"""[s] without any word from a busy worker after which it counts as hung."""
+STALL_S = 900.0  # [s]
 
 _LIBRARIES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 # one thread a worker, and no GPU: the order of additions, and so the results, must not depend on the machine's load
@@ -49,12 +45,22 @@ class Failure:
 
 @dataclass(frozen=True)
 class Task:
-    """What the episodes of a campaign have in common; sent to the workers."""
+    """What the episodes of a campaign have in common; sent to the workers.
 
-    scenario: Scenario
-    oracle: frozenset[str]
+    Attributes:
+        first: the job of the first episode; the others differ by their seed.
+        identity: `inputs`, `versions`, `weights_hash`, ... that whoever runs an episode must have.
+        stall_s: [s] without a word from a busy worker after which it counts as hung.
+    """
+
     runner: Runner
-    pictures: bool
+    first: Job
+    identity: Mapping[str, Any]
+    stall_s: float = STALL_S
+
+    def job(self, seed: int) -> Job:
+        """That of one episode."""
+        return replace(self.first, seed=seed)
 
 
 Message = Event | Failure | PickproofError | str
@@ -86,7 +92,7 @@ class Pool(Protocol):
 def run_one(task: Task, seed: int, send: Callable[[Message], None]) -> None:
     """Run an episode and send what happens; the last message is its end, a `Failure`, or an error."""
     try:
-        episode = task.runner(task.scenario, seed, task.oracle, lambda a: send(Event(a.seed, attempt=a)), task.pictures)
+        episode = task.runner(task.job(seed), lambda a: send(Event(a.seed, attempt=a)))
         send(Event(seed, episode=episode))
     except SimulationError as error:  # the same again for the same seed: no second try
         send(Failure(seed, str(error), "broken"))

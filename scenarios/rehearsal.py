@@ -30,27 +30,31 @@ AWAY = (0.0, 0.0, -5.0)  # [m] where workpieces are kept that do not lie in the 
 
 
 class Rehearsal:
-    """A second physics of the source bin in which grasps are tried; close it after use."""
+    """A second physics of the source bin in which grasps are tried; close it after use.
+
+    Attributes:
+        world, arm: of the trial, for whoever wants to watch it.
+    """
 
     def __init__(
         self, scenario: Scenario, workpiece: Workpiece, gripper: Gripper, source: Bin, obstacles: Sequence[Box]
     ) -> None:
         self._workpiece, self._gripper, self._source = workpiece, gripper, source
         self._force_limit = scenario.limits.contact_force_N
-        self._world = World(scenario.physics.timestep, scenario.physics.solver_iterations)
+        self.world = World(scenario.physics.timestep, scenario.physics.solver_iterations)
         for box in obstacles:
-            self._world.add_box(box)
-        self._arm = gantry_arm(self._world, gripper)
+            self.world.add_box(box)
+        self.arm = gantry_arm(self.world, gripper)
 
     def close(self) -> None:
-        self._world.close()
+        self.world.close()
 
     def refuses(self, candidate: GraspCandidate, truth: Snapshot) -> str:
         """Why a grasp does not bring up exactly one workpiece from where all of them truly lie; empty where it does."""
-        world, arm, T = self._world, self._arm, candidate.T_world_tool
+        world, arm, T = self.world, self.arm, candidate.T_world_tool
         start = self._joints(T @ make_transform(t=(0.0, 0.0, -APPROACH)))
         arm.reset(start, candidate.opening)
-        inside = self._put_back(truth)
+        inside = self.put_back(truth)
         before = observe(world, [self._source])
         log = execute(world, arm, self._line(start, T), stop_above=self._force_limit)
         if log.stopped:
@@ -65,9 +69,9 @@ class Rehearsal:
         gone = set(observe(world, [self._source]).left(before, self._source.name)) - set(lifted)
         return "throws another out of the bin" if gone & inside else ""
 
-    def _put_back(self, truth: Snapshot) -> set[int]:
+    def put_back(self, truth: Snapshot) -> set[int]:
         """Every workpiece to where it truly is, at rest; returns those in the source bin."""
-        world, inside = self._world, set(truth.parts_in(self._source.name))
+        world, inside = self.world, set(truth.parts_in(self._source.name))
         for i, T in enumerate(truth.Ts_world_part):
             if i == len(world.parts):
                 world.add_part(self._workpiece, T)
@@ -78,7 +82,7 @@ class Rehearsal:
     def _line(self, q0: Array, T_world_tool: Array) -> Array:
         q1 = self._joints(T_world_tool)
         q1[3:] = q0[3:]  # straight up or along the tool, without a turn
-        return gantry_line(q0, q1, ACCELERATION, self._world.dt)
+        return gantry_line(q0, q1, ACCELERATION, self.world.dt)
 
     def _joints(self, T_world_tool: Array) -> Array:
         return gantry_joints(T_world_tool, self._gripper.T_flange_tool)

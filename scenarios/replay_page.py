@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 import trimesh
-import viser
 
-from cell.bin import Box
 from cell.frames import Array, to_quat_xyzw
 from grasping.verdict import CHOSEN, MEANING, Verdict
 from robots.links import LinkShape
 from scenarios.replay_data import Replayed
+from scenarios.viser_page import HOST, add_box, move, pose_of, serve
 
-HOST = "127.0.0.1"
 RANKED = "ranked candidates"
 COLOURS: dict[str, tuple[int, int, int]] = {
     CHOSEN: (31, 160, 90),
@@ -52,14 +50,11 @@ class ReplayPage:
         self._shown = shown
         self._lock = threading.Lock()
         self._frame, self._playing, self._closed = -1, False, False
-        self._server = viser.ViserServer(host=HOST, port=port, label=f"attempt {shown.index}", verbose=False)
+        self._server = serve(f"attempt {shown.index}", port)
         self.url = f"http://{HOST}:{self._server.get_port()}"
-        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
-        self._server.gui.main_panel.dock_right()
         x, y, z = shown.scenario.source_bin.position
         self._server.initial_camera.position = (x + 0.24, y - 0.36, z + 0.40)
         self._server.initial_camera.look_at = (x - 0.02, y - 0.02, z + 0.04)
-        self._server.initial_camera.up = (0.0, 0.0, 1.0)
         self._scene()
         self._panel()
         self._show_grasps(RANKED)
@@ -73,19 +68,16 @@ class ReplayPage:
 
     def _scene(self) -> None:
         shown, scene = self._shown, self._server.scene
-        scene.set_up_direction("+z")
-        scene.configure_environment_map("warehouse", environment_intensity=0.25)
-        scene.configure_default_lights(cast_shadow=False)
         for box in shown.boxes:
-            _add_box(scene, f"/cell/{box.name}", box, TABLE if box.name == "table" else BIN)
+            add_box(scene, f"/cell/{box.name}", box, TABLE if box.name == "table" else BIN)
         self._links = {name: scene.add_frame(f"/arm/{name}", show_axes=False) for name in shown.links}
         for i, shape in enumerate(shown.shapes):
             _add_shape(scene, f"/arm/{shape.link}/{i}", shape)
         self._tool = scene.add_frame("/gripper", show_axes=True, axes_length=0.03, axes_radius=0.001)
         for box in shown.gripper.body_boxes():
-            _add_box(scene, f"/gripper/{box.name}", box, TOOL)
+            add_box(scene, f"/gripper/{box.name}", box, TOOL)
         self._fingers = [
-            _add_box(scene, f"/gripper/{box.name}", box, (216, 108, 50)) for box in shown.gripper.finger_boxes(0.0)
+            add_box(scene, f"/gripper/{box.name}", box, (216, 108, 50)) for box in shown.gripper.finger_boxes(0.0)
         ]
         mesh = shown.workpiece.mesh
         n = shown.artefact.motion.poses.shape[1]
@@ -96,7 +88,7 @@ class ReplayPage:
         for k, T in enumerate(shown.artefact.Ts_world_estimate):
             colour = WRONG if shown.wrong[k] else RIGHT
             scene.add_mesh_simple(
-                f"/estimates/{k}", mesh.vertices, mesh.faces, color=colour, wireframe=True, **_pose(T)
+                f"/estimates/{k}", mesh.vertices, mesh.faces, color=colour, wireframe=True, **pose_of(T)
             )
         points = shown.points
         step = max(1, len(points) // MAX_POINTS)
@@ -208,9 +200,9 @@ class ReplayPage:
         self._said.content = "\n\n".join(lines)
         scene = self._server.scene
         scene.remove_by_name("/selected")
-        scene.add_frame("/selected", show_axes=False, **_pose(row["T_world_tool"]))
+        scene.add_frame("/selected", show_axes=False, **pose_of(row["T_world_tool"]))
         for box in self._shown.gripper.boxes(row["opening"]):
-            _add_box(scene, f"/selected/{box.name}", box, COLOURS.get(row["verdict"], (128, 128, 128)), opacity=0.55)
+            add_box(scene, f"/selected/{box.name}", box, COLOURS.get(row["verdict"], (128, 128, 128)), opacity=0.55)
 
     def _toggle(self) -> None:
         self._playing = not self._playing
@@ -238,13 +230,13 @@ class ReplayPage:
                 moved = (motion.poses[frame] != motion.poses[self._frame]).any(axis=1)
             Ts = motion.parts_at(frame)
             for i in np.flatnonzero(moved):
-                _move(self._parts[i], Ts[i])
+                move(self._parts[i], Ts[i])
             for name, link in self._links.items():
-                _move(link, self._shown.links[name][frame])
-            _move(self._tool, self._shown.Ts_world_tool[frame])
+                move(link, self._shown.links[name][frame])
+            move(self._tool, self._shown.Ts_world_tool[frame])
             boxes = self._shown.gripper.finger_boxes(float(motion.opening[frame]))
             for finger, box in zip(self._fingers, boxes, strict=True):
-                _move(finger, box.T_world_box)
+                move(finger, box.T_world_box)
             self._frame = frame
 
 
@@ -270,26 +262,13 @@ def _hit(Ts_world_tool: Array, origin: Array, direction: Array) -> int | None:
     return best if away[best] < NEAR else None
 
 
-def _add_box(scene: Any, name: str, box: Box, colour: tuple[int, int, int], opacity: float | None = None) -> Any:
-    return scene.add_box(name, color=colour, dimensions=box.size, opacity=opacity, **_pose(box.T_world_box))
-
-
 def _add_shape(scene: Any, name: str, shape: LinkShape) -> None:
     if shape.kind == "box":
         mesh = trimesh.creation.box(shape.size)
     else:
         mesh = trimesh.creation.cylinder(radius=shape.size[0], height=shape.size[1], sections=32)
     colour = tuple(int(255 * c) for c in shape.rgb)
-    scene.add_mesh_simple(name, mesh.vertices, mesh.faces, color=colour, **_pose(shape.T_link_shape))
-
-
-def _pose(T: Array) -> dict[str, Any]:
-    return {"wxyz": np.roll(to_quat_xyzw(T), 1), "position": T[:3, 3].astype(float)}
-
-
-def _move(handle: Any, T: Array) -> None:
-    pose = _pose(T)
-    handle.wxyz, handle.position = pose["wxyz"], pose["position"]
+    scene.add_mesh_simple(name, mesh.vertices, mesh.faces, color=colour, **pose_of(shape.T_link_shape))
 
 
 def _names(folder: str, n: int) -> list[str]:

@@ -28,7 +28,7 @@ from scenarios.report_tables import (
 from scenarios.scenario import Scenario
 from scenarios.store import Store
 from scenarios.summary import interval, percent, seconds, summarise
-from scenarios.tree import verdict_counts
+from scenarios.tree import condensed, verdict_counts
 
 FILE = "report.html"
 PICTURE_BYTES = 3_500_000
@@ -95,7 +95,8 @@ def _embed(store: Store, attempts: Sequence[AttemptRecord], budget: int) -> tupl
 
 
 def _render(store: Store, directory: Path) -> str:
-    meta, attempts = store.meta(), store.attempts()
+    meta = store.meta()
+    attempts = list(store.each_attempt(without=("waypoints",), tree=condensed))
     summary = summarise(store, attempts)
     moved = [a for a in attempts if a.moved]
     no_picks = {str(r) for r in NO_PICK_REASONS}

@@ -20,39 +20,34 @@ RETREAT_SPEED = 0.2  # of the speed at which the arm came
 COMING_LOOSE = 0.15  # [s] of the way in within which the arm may still press on what it hit
 
 
-def back_off(cell: Workcell, candidate: GraspCandidate, plan: PickPlan, opening: float) -> MotionLog:
-    """From the grasp back to where the motion began, the gripper released.
+def back_off(cell: Workcell, candidate: GraspCandidate, plan: PickPlan) -> MotionLog:
+    """From the grasp back to where the hand had left the last place, the gripper released.
 
-    Args:
-        opening: of the jaws where the motion began, in [m].
+    Not down to where it waited: what it let go there has moved since, and may lie under the fingers.
     """
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
     log = release(world, arm, candidate.opening).log + wait(world, arm, FALL_TIME)
-    log += execute(world, arm, plan.approach.q[plan.cleared :][::-1], stop_above=limit)
-    if not log.stopped:
-        arm.hold_jaws(opening)
-        log += execute(world, arm, plan.approach.q[: plan.cleared][::-1], stop_above=limit)
-    return log
+    return log + execute(world, arm, plan.approach.q[plan.cleared :][::-1], stop_above=limit)
 
 
-def put_back(cell: Workcell, candidate: GraspCandidate, plan: PickPlan, opening: float) -> MotionLog:
+def put_back(cell: Workcell, candidate: GraspCandidate, plan: PickPlan) -> MotionLog:
     """From the place with what is held to where it was taken, let it go, and `back_off`."""
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
     log = execute(world, arm, plan.carry.q[::-1], stop_above=limit)
     if not log.stopped:
         log += execute(world, arm, plan.lift.q[::-1], stop_above=limit)
-    return log if log.stopped else log + back_off(cell, candidate, plan, opening)
+    return log if log.stopped else log + back_off(cell, candidate, plan)
 
 
 def recover(cell: Workcell, candidate: GraspCandidate, way_in: Array, way_on: Array, opening: float) -> MotionLog:
-    """Out of a collision that stopped the arm: slowly back the way it came, to where the motion began.
+    """Out of a collision that stopped the arm: slowly back the way it came, to where `way_in` begins.
 
     At first the arm may still press on what it hit. What the gripper holds is let go where it was taken.
 
     Args:
         way_in: (n, 6) joint vectors that were commanded on the way to the grasp; way_on: (m, 6) those after it, none
             where the arm was stopped before.
-        opening: of the jaws where the motion began, in [m].
+        opening: of the jaws there, in [m].
 
     Returns:
         A log of the way back alone; `stopped` where the arm did not come back.

@@ -9,6 +9,7 @@ import numpy as np
 
 from cell.camera import DepthFrame
 from cell.frames import Array, apply, invert
+from cell.point import moved
 from cell.workpiece import Workpiece
 from grasping.clearance import without_workpiece
 from robots.collision import HeightField
@@ -43,25 +44,15 @@ def _points_inside(depth, pinhole, T_world_camera, T_bin_world, room):  # type: 
     """Points (n, 3) in the world of all pixels with SUPPORT of their neighbours whose point is in a box of the bin."""
     h, w = depth.shape
     points, n = np.empty((h * w, 3)), 0
-    camera, world = np.empty(3), np.empty(3)
     for v in range(h):
         for u in range(w):
             z = depth[v, u]
             if not z > 0.0:
                 continue
-            camera[0], camera[1], camera[2] = (u - pinhole[2]) / pinhole[0] * z, (v - pinhole[3]) / pinhole[1] * z, z
-            for k in range(3):
-                world[k] = T_world_camera[k, 3]
-                for m in range(3):
-                    world[k] += T_world_camera[k, m] * camera[m]
-            inside = True
-            for k in range(3):
-                x = T_bin_world[k, 3]
-                for m in range(3):
-                    x += T_bin_world[k, m] * world[m]
-                inside = inside and (x > room[2] if k == 2 else abs(x) < room[k])
-            if inside and supported(depth, v, u):
-                points[n] = world
+            world = moved(T_world_camera, ((u - pinhole[2]) / pinhole[0] * z, (v - pinhole[3]) / pinhole[1] * z, z))
+            x, y, over = moved(T_bin_world, world)
+            if abs(x) < room[0] and abs(y) < room[1] and over > room[2] and supported(depth, v, u):
+                points[n, 0], points[n, 1], points[n, 2] = world
                 n += 1
     return points[:n].copy()
 
@@ -103,7 +94,7 @@ class Scan:
         nx, ny = (2 * half / GRID).astype(int) + 1
         floor = float(T_world_bin[2, 3] - GRID)
         heights = np.full((ny, nx), floor)
-        _raise(heights, points, low)
+        raise_to(heights, points, low, GRID)
         return Scan(points, floor, HeightField(heights, float(low[0]), float(low[1]), GRID))
 
     def without(self, T_world_part: Array, workpiece: Workpiece) -> HeightField:
@@ -113,7 +104,10 @@ class Scan:
         """
         field, low = self.field, np.array([self.field.x0, self.field.y0])
         rest = np.full_like(field.heights, self.floor)
-        _raise(rest, without_workpiece(self.points, T_world_part, workpiece), low)
+        reach = float(np.linalg.norm(workpiece.extents))  # its origin is within its bounding box
+        near = (np.abs(self.points - T_world_part[:3, 3]) < reach).all(axis=1)
+        raise_to(rest, self.points[~near], low, GRID)
+        raise_to(rest, without_workpiece(self.points[near], T_world_part, workpiece), low, GRID)
         surface = apply(T_world_part, workpiece.sample_surface(UNDERSIDE_SAMPLES, seed=5)[0])
         under = np.full_like(field.heights, np.inf)
         _lower(under, surface, low)
@@ -122,12 +116,12 @@ class Scan:
 
 
 @numba.njit(cache=True)
-def _raise(heights, points, low):  # type: ignore[no-untyped-def]
-    """Raise cells (ny, nx) of a grid that begins at `low` (2,) to the points (n, 3) in them."""
+def raise_to(heights, points, low, step):  # type: ignore[no-untyped-def]
+    """Raise cells (ny, nx) of a grid of `step` [m] that begins at `low` (2,) to the points (n, 3) in them."""
     ny, nx = heights.shape
     for p in points:
-        column = min(max(int(np.rint((p[0] - low[0]) / GRID)), 0), nx - 1)
-        row = min(max(int(np.rint((p[1] - low[1]) / GRID)), 0), ny - 1)
+        column = min(max(int(np.rint((p[0] - low[0]) / step)), 0), nx - 1)
+        row = min(max(int(np.rint((p[1] - low[1]) / step)), 0), ny - 1)
         heights[row, column] = max(heights[row, column], p[2])
 
 

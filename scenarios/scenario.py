@@ -21,11 +21,13 @@ from cell.config import Config, parse, read_yaml
 from cell.errors import InputError
 from cell.frames import Array
 from cell.sensor import SensorConfig
-from cell.workpiece import list_workpieces, search_path
+from cell.workpiece import list_workpieces, search_path, workpiece_folder
 from grasping.ranking import GraspingConfig
 from scenarios.place_config import HeapPlace, PatternPlace, PlaceConfig
 
 SHIPPED = Path(__file__).resolve().parent
+OF_WORKPIECE = "scenario.yaml"
+"""In a workpiece's folder: the scenario that goes by the name of that folder."""
 Triple = tuple[float, float, float]
 
 
@@ -186,8 +188,9 @@ class Scenario(Config):
 
 
 def list_scenarios() -> list[str]:
-    """Names of the shipped scenarios."""
-    return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
+    """Names of all scenarios: those in the folders of workpieces on the search path, and the shipped ones."""
+    own = {path.parent.name for folder in search_path() for path in folder.glob(f"*/{OF_WORKPIECE}")}
+    return sorted(own | {path.stem for path in SHIPPED.glob("*.yaml")})
 
 
 def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
@@ -228,8 +231,8 @@ def scenario_hash(scenario: Scenario) -> str:
 
 def weights_hash(workpiece: str) -> str:
     """SHA-256 of the weights beside a workpiece (its .safetensors files in order of name); empty without any."""
-    folders = [root / workpiece for root in search_path() if (root / workpiece / "workpiece.yaml").is_file()]
-    files = sorted(folders[0].glob("*.safetensors")) if folders else []
+    folder = workpiece_folder(workpiece)
+    files = sorted(folder.glob("*.safetensors")) if folder else []
     if not files:
         return ""
     digest = hashlib.sha256()
@@ -250,7 +253,8 @@ def scenario_path(name_or_path: str) -> Path:
         InputError: no scenario of that name.
     """
     if name_or_path in list_scenarios():
-        return SHIPPED / f"{name_or_path}.yaml"
+        own = (root / name_or_path / OF_WORKPIECE for root in search_path())
+        return next((path for path in own if path.is_file()), SHIPPED / f"{name_or_path}.yaml")
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):
         return path  # read_yaml says when it is missing

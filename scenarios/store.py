@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -161,14 +161,25 @@ class Store:
         Args:
             large: with tree and waypoints, which are most of the file; None in the records without.
         """
-        left_out = () if large else _LARGE_COLUMNS
+        return list(self.each_attempt(seed, () if large else _LARGE_COLUMNS))
+
+    def each_attempt(
+        self, seed: int | None = None, without: Collection[str] = (), tree: Callable[[Any], Any] = lambda tree: tree
+    ) -> Iterator[AttemptRecord]:
+        """The same one after the other, for files whose trees do not fit into memory together.
+
+        Args:
+            without: of `tree` and `waypoints`, what is not read.
+            tree: what is kept of each tree.
+        """
         with self._errors():
             there = self._columns()  # version 1 knew neither placement error nor waypoints
-            columns = [name for name in _ATTEMPT_COLUMNS if name in there and name not in left_out]
+            columns = [name for name in _ATTEMPT_COLUMNS if name in there and name not in without]
             which, values = ("", ()) if seed is None else (" WHERE seed = ?", (seed,))
             query = f"SELECT {', '.join(columns)} FROM attempts{which} ORDER BY seed, attempt"
             rows = self._db.execute(query, values)
-            return [_attempt(dict(zip(columns, row, strict=True))) for row in rows]
+            for row in rows:
+                yield _attempt(dict(zip(columns, row, strict=True)), tree)
 
     def episodes(self) -> list[EpisodeRecord]:
         """All episodes that ended, in order of seed."""
@@ -251,10 +262,12 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
-def _attempt(row: dict[str, Any]) -> AttemptRecord:
+def _attempt(row: dict[str, Any], tree: Callable[[Any], Any]) -> AttemptRecord:
     for name in _JSON_COLUMNS:
         if row.get(name) is not None:
             row[name] = json.loads(row[name])
+    if "tree" in row:
+        row["tree"] = tree(row["tree"])
     row["moved"], row["success"] = bool(row["moved"]), bool(row["success"])
     return AttemptRecord(**row)
 

@@ -18,8 +18,9 @@ from rich.table import Table
 
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
-from scenarios.campaign import Runner, run_campaign
+from scenarios.campaign import run_campaign
 from scenarios.files import write_json
+from scenarios.job import Runner
 from scenarios.scenario import Scenario, load_scenario, scenario_hash, weights_used
 from scenarios.store import FILE, Store
 from scenarios.summary import interval, percent, summarise, write_summary

@@ -16,7 +16,8 @@ from scenarios.records import AttemptRecord
 from scenarios.tree import planning_verdict
 
 if TYPE_CHECKING:
-    from scenarios.pick import Decision, Estimates
+    from scenarios.choose import Estimates
+    from scenarios.decide import Decision
     from scenarios.workcell import Workcell
 
 Which = Literal["failures", "all", "none"]

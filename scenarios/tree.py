@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
+from sys import intern
 from typing import TYPE_CHECKING, Any
 
 from grasping.candidates import Selection
@@ -13,7 +14,8 @@ from robots.failure import Cause, PlanFailure, Stage
 from scenarios.workcell import SOURCE
 
 if TYPE_CHECKING:
-    from scenarios.pick import Decision, Estimates
+    from scenarios.choose import Estimates
+    from scenarios.decide import Decision
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,33 @@ def planning_verdict(failure: PlanFailure | RuledOut, tool: Collection[str]) -> 
         if what == "pile":
             return Verdict.GRIPPER_HEAP
     return Verdict.PATH_BLOCKED
+
+
+def condensed(tree: Any) -> Any:
+    """One estimate in place of all: the same number of poses by grasp point and verdict, and the chosen candidate.
+
+    A thirtieth of the size, and all that is counted over many attempts.
+    """
+    if not isinstance(tree, list):
+        return tree
+    ruled_out: dict[str, dict[str, int]] = {}
+    chosen = []
+    for estimate in tree:
+        counts = [(name, c.items()) for name, c in estimate.get("ruled_out", {}).items()]
+        for candidate in estimate.get("candidates", ()):
+            if candidate["verdict"] == CHOSEN:
+                chosen.append(candidate)
+            else:
+                counts.append((candidate["grasp"], ((candidate["verdict"], 1),)))
+        for name, of_point in counts:
+            if (mine := ruled_out.get(name)) is None:
+                mine = ruled_out[intern(name)] = {}
+            for verdict, n in of_point:
+                if verdict in mine:
+                    mine[verdict] += n
+                else:
+                    mine[intern(verdict)] = n
+    return [{"ruled_out": ruled_out, "candidates": chosen}]
 
 
 def verdict_counts(tree: Any) -> Counter[str]:

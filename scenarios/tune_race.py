@@ -54,7 +54,8 @@ def race(
     """Race candidates over `episodes` bins, `block` more at a time.
 
     After each block every candidate that is below the best one by more than the 95 % interval of their paired
-    difference is dropped. That is looked at many times and holds for no claim; unseen bins decide in the end.
+    difference is dropped, and the race ends where one is left that is as clearly above the reference. That is looked at
+    many times and holds for no claim; unseen bins decide in the end.
 
     Args:
         outcomes: (candidate, n) -> its first n episodes, in order of seed; called again with larger n.
@@ -69,12 +70,17 @@ def race(
             ran[key] = outcomes(key, n)
         best = max(dict.fromkeys([reference, *alive]), key=lambda k: pooled(ran[k]))
         for key in list(alive):
-            if difference_interval(counts_of_all(ran[best]), counts_of_all(ran[key]))[1] < 0:
+            if clear_of(ran[key], ran[best]):
                 alive.remove(key)
                 dropped.add(key)
-        if len(alive) <= 1 < len(candidates) or not alive or not go_on():
+        if not alive or (len(alive) == 1 and clear_of(ran[reference], ran[alive[0]])) or not go_on():
             break
     return {key: _finish(ran[reference], ran[key], key in dropped) for key in dict.fromkeys(candidates)}
+
+
+def clear_of(below: Sequence[Outcome], above: Sequence[Outcome]) -> bool:
+    """Whether the 95 % interval of the paired difference of `counts_of_all` lies above zero."""
+    return difference_interval(counts_of_all(below), counts_of_all(above))[0] > 0
 
 
 def _finish(reference: Sequence[Outcome], own: Sequence[Outcome], dropped: bool) -> Finish:

@@ -9,7 +9,7 @@ import numpy as np
 from cell.execute import MotionLog, execute
 from cell.frames import Array
 from cell.world import GRAVITY
-from cell.wrist import weigh
+from cell.wrist import weigh, weigh_swinging
 from robots.plan import PickPlan
 from robots.trajectory import joint_move
 from robots.waypoints import before_end
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 RAISED = 0.06  # [m] over a place, clear of what lies there
 RAISING = 0.3  # share of the joints' limits
+STEADY = 0.1  # of a workpiece's weight: spread of the reading over which it may swing
 
 
 def comes_up_double(cell: Workcell, plan: PickPlan, rng: np.random.Generator) -> tuple[bool, MotionLog]:
@@ -51,8 +52,18 @@ def _way_up(cell: Workcell, plan: PickPlan) -> Array:
 
 
 def _heavy(cell: Workcell, rng: np.random.Generator) -> tuple[bool, MotionLog]:
-    """A measurement with the noise of the scenario's wrist sensor, from `rng`; no identities of workpieces enter."""
-    wrist = cell.scenario.wrist
-    mass, log = weigh(cell.world, cell.arm, wrist.seconds)
-    mass += wrist.noise_N / GRAVITY * rng.standard_normal()
-    return mass > wrist.double_above * cell.workpiece.mass, log
+    """Measured with the noise of the scenario's wrist sensor, from `rng`; no identities of workpieces enter.
+
+    What seems too heavy or pulls unevenly may swing, which within a moment can double its weight or take half of it.
+    """
+    wrist, mass = cell.scenario.wrist, cell.workpiece.mass
+    noise = wrist.noise_N / GRAVITY
+    limit, steady = wrist.double_above * mass, STEADY * mass
+    reading = weigh(cell.world, cell.arm, wrist.seconds)
+    log = reading.log
+    heavy = reading.mass + noise * rng.standard_normal() > limit
+    if heavy or reading.spread > steady:
+        reading = weigh_swinging(cell.world, cell.arm, steady)
+        log += reading.log
+        heavy = reading.mass + noise * rng.standard_normal() > limit
+    return heavy, log

@@ -22,7 +22,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
 from cell.processes import child_environment, work_for
-from scenarios.pool import STALL_S, WORKER_ENVIRONMENT, Event, Failure, Kind, Message, Task, checked, run_one
+from scenarios.pool import WORKER_ENVIRONMENT, Event, Failure, Kind, Message, Task, checked, run_one
 
 _POLL_S = 0.25
 
@@ -41,11 +41,10 @@ class Workers:
     Args:
         size: processes at most.
         interrupted: asked several times a second whether to stop.
-        stall_s: [s] without a word after which a busy worker is killed as hung.
     """
 
-    def __init__(self, task: Task, size: int, interrupted: Callable[[], bool], stall_s: float = STALL_S) -> None:
-        self._task, self._size, self._interrupted, self._stall_s = task, size, interrupted, stall_s
+    def __init__(self, task: Task, size: int, interrupted: Callable[[], bool]) -> None:
+        self._task, self._size, self._interrupted = task, size, interrupted
         self._workers: list[_Worker] = []
         self._waiting: deque[int] = deque()
 
@@ -57,14 +56,14 @@ class Workers:
             busy = {w.pipe: w for w in self._workers if w.seed is not None}
             if not busy:
                 return
-            ready = wait(list(busy), timeout=min(self._stall_s, _POLL_S))
+            ready = wait(list(busy), timeout=min(self._task.stall_s, _POLL_S))
             if self._interrupted():
                 raise KeyboardInterrupt
             for pipe in ready:
                 yield self._hear(busy[pipe])  # type: ignore[index]
             for worker in list(busy.values()):
-                if worker.pipe not in ready and time.monotonic() - worker.heard > self._stall_s:
-                    yield self._bury(worker, f"no word from the worker for {self._stall_s:.0f} s", "crashed")
+                if worker.pipe not in ready and time.monotonic() - worker.heard > self._task.stall_s:
+                    yield self._bury(worker, f"no word from the worker for {self._task.stall_s:.0f} s", "crashed")
 
     def again(self, seed: int) -> None:
         """See `Pool.again`."""

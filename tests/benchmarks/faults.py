@@ -25,6 +25,8 @@ from typing import Any
 import numpy as np
 
 from cell.errors import PickproofError
+from cell.processes import child_environment
+from scenarios.cluster import ON_LOOPBACK
 from scenarios.store import FILE, Store, record_hash
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,13 +36,21 @@ SLOW = ["run", "bracket", "--set", "count=6", "--set", "stop.attempt_limit=20", 
 PHYSICS = ["run", "bracket", "--set", "count=3", "--oracle", "perception"]
 MOMENT_S = 8.0
 """[s] between two kills at most: a worker that is killed each time before it has begun proves little."""
+LOOPBACK = "127.0.0.1"
+ON_NODES = ON_LOOPBACK | {"RAY_raylet_start_wait_time_s": "120", "RAY_USAGE_STATS_ENABLED": "0"}
+"""A busy machine starts a node in half a minute, which is Ray's own patience."""
 ORPHAN_S = 10.0
-"""[s] in which the workers of a killed driver must be gone."""
+"""[s] in which the workers of a killed driver or node must be gone."""
 
 
 @dataclass
 class Storm:
-    """What was done to campaigns and what came of them."""
+    """What was done to campaigns and what came of them.
+
+    Attributes:
+        orphans: processes that outlived a killed driver or node.
+        resumed: drivers that stopped by themselves, in one line that names --resume, when their node was killed.
+    """
 
     kills: Counter[str] = field(default_factory=Counter)
     campaigns: int = 0
@@ -48,6 +58,7 @@ class Storm:
     doubled: int = 0
     other_hash: int = 0
     orphans: int = 0
+    resumed: int = 0
 
     @property
     def harmless(self) -> bool:
@@ -63,15 +74,17 @@ def storm(
     command: list[str] = FAKE,
     driver_share: float = 0.25,
     moment_s: float = MOMENT_S,
-    cluster: Any = None,
+    cluster: Nodes | None = None,
+    node_share: float = 0.2,
 ) -> Storm:
     """Campaigns one after the other until there have been that many kills, each finished in peace.
 
     Args:
         words: of the command line, without --out and --resume.
-        driver_share: chance that a kill hits the driver; the others hit workers, or nodes of a `cluster`.
+        driver_share: chance that a kill hits the driver; the others hit workers, or the second node of a `cluster`.
         moment_s: [s] between two kills at most.
-        cluster: a `_Nodes`, when the campaign runs on Ray.
+        cluster: where the campaign runs when it runs on Ray.
+        node_share: of the kills that do not hit the driver, those that hit the node.
     """
     found, calm = Storm(), folder / "calm"
     at_driver = (rng.random(kills) < driver_share).tolist()
@@ -90,15 +103,17 @@ def storm(
                 found.kills["driver"] += 1
                 found.orphans += _left_after(ORPHAN_S, workers) if cluster is None else 0
                 driver = _start(command, words, out)
-            elif cluster is not None and rng.random() < 0.2:
-                cluster.kill_node()
-                found.kills["node"] += 1
+            elif cluster is not None and rng.random() < node_share:
+                if cluster.busy():
+                    found.orphans += _left_after(ORPHAN_S, cluster.kill_node())
+                    found.kills["node"] += 1
+                    cluster.add_node()
             else:
                 _kill(int(rng.choice(workers)))
                 found.kills["worker"] += 1
-        error = driver.communicate()[1].decode()
-        if driver.returncode != 0:
-            raise SystemExit(f"the driver ended with {driver.returncode}: {error}")
+        while not _finished(driver):
+            found.resumed += 1
+            driver = _start(command, words, out)
         found.campaigns += 1
         _compare(calm, out, found)
         print(f"{folder.name}: {found}", file=sys.stderr, flush=True)
@@ -147,27 +162,57 @@ def locked_file(folder: Path) -> str:
     return f"stopped, continued: {'same records' if found.harmless else found}"
 
 
-class _Nodes:
-    """A Ray cluster of a head and one node, on this machine."""
+class Nodes:
+    """A Ray cluster of a head and one node on this machine, on loopback alone; use it as a context manager."""
 
     def __init__(self) -> None:
-        from ray.cluster_utils import Cluster
+        head = {"num_cpus": 1, "include_dashboard": False, "node_ip_address": LOOPBACK}
+        with child_environment(_environment() | ON_NODES):
+            from ray.cluster_utils import Cluster
 
-        self._cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-        self._node = self._cluster.add_node(num_cpus=1)
+            self._cluster = Cluster(initialize_head=True, head_node_args=head)
         self.address: str = self._cluster.address
+        self.add_node()
+
+    def __enter__(self) -> Nodes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._cluster.shutdown()
+
+    def add_node(self) -> None:
+        """The second node, with room for one episode."""
+        with child_environment(_environment() | ON_NODES):
+            self._node = self._cluster.add_node(num_cpus=1, node_ip_address=LOOPBACK)
 
     def workers(self) -> list[int]:
-        """Processes that run an episode, and those of Ray above them."""
+        """Processes that run an episode, and those of Ray above them, on both nodes."""
         return [pid for pid in descendants(os.getpid()) if "ray::_episode" in _name(pid) or "spawn_main" in _name(pid)]
 
-    def kill_node(self) -> None:
-        """All processes of the node; another takes its place."""
-        self._cluster.remove_node(self._node, allow_graceful=False)
-        self._node = self._cluster.add_node(num_cpus=1)
+    def busy(self) -> bool:
+        """The second node is in the middle of an episode."""
+        return any("spawn_main" in _name(pid) for pid in self._below())
 
-    def stop(self) -> None:
-        self._cluster.shutdown()
+    def kill_node(self) -> list[int]:
+        """SIGKILL for the second node's own process; those below it, which must end with it."""
+        (raylet,) = (p.process.pid for found in self._node.all_processes.values() for p in found)
+        below = self._below()
+        _kill(raylet)
+        self._cluster.remove_node(self._node, allow_graceful=False)
+        return below
+
+    def _below(self) -> list[int]:
+        return [d for found in self._node.all_processes.values() for p in found for d in descendants(p.process.pid)]
+
+
+def _finished(driver: subprocess.Popen[bytes]) -> bool:
+    """Wait for its end; false when it stopped in one line that says how to go on."""
+    error = driver.communicate()[1].decode()
+    if driver.returncode == 2 and "--resume" in error and error.count("\n") == 1:
+        return False
+    if driver.returncode != 0:
+        raise SystemExit(f"the driver ended with {driver.returncode}: {error}")
+    return True
 
 
 def _start(command: list[str], words: list[str], out: Path) -> subprocess.Popen[bytes]:
@@ -188,7 +233,8 @@ def _finish(command: list[str], words: list[str]) -> None:
 
 
 def _environment() -> dict[str, str]:
-    return os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "scenarios")])}
+    paths = [str(ROOT), str(ROOT / "tests" / "scenarios"), os.environ.get("PYTHONPATH", "")]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 def _has_results(out: Path) -> bool:
@@ -291,11 +337,10 @@ def main() -> int:
         if args.ray and importlib.util.find_spec("ray") is None:
             found["ray"] = "not tried: ray is not installed"
         elif args.ray:
-            nodes = _Nodes()
-            words = [*SLOW, "--oracle", "perception", "--episodes", "12", f"--ray={nodes.address}"]
             (folder / "ray").mkdir()
-            found["ray"] = storm(folder / "ray", args.ray, rng, words, moment_s=20.0, cluster=nodes)
-            nodes.stop()
+            with Nodes() as nodes:
+                words = [*SLOW, "--oracle", "perception", "--episodes", "12", f"--ray={nodes.address}"]
+                found["ray"] = storm(folder / "ray", args.ray, rng, words, cluster=nodes)
     for title, result in found.items():
         print(f"{title}: {result}", flush=True)
     if args.json:

@@ -1,66 +1,67 @@
-"""Episodes in the real physics with a fault planted in one stage, importable by name in worker processes."""
+"""Faults planted in the files of which a system is made: a copy of the bracket or its gripper with one thing wrong."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import yaml
-from scipy.spatial.transform import Rotation
+from safetensors import safe_open
+from safetensors.numpy import save_file
 
-from cell.camera import DepthFrame
-from cell.frames import make_transform
+from cell.gripper import gripper_path
+from cell.processes import child_environment
 from cell.workpiece import load_workpiece
-from scenarios import episode
-from scenarios.pick import Estimates, Perceive
-from scenarios.records import AttemptRecord, EpisodeRecord
-from scenarios.scenario import Scenario
-from scenarios.workcell import Workcell
 
-SHIFT, TURN = 0.004, np.deg2rad(8.0)
-"""Standard deviations of the planted error of every estimate, along and about each axis: 4 mm and 8 degrees."""
-MOVED = 0.004  # [m] that grasp points are moved
-
-
-def noisy_perception(
-    scenario: Scenario,
-    seed: int,
-    oracle: frozenset[str],
-    on_attempt: Callable[[AttemptRecord], None],
-    pictures: bool,
-) -> EpisodeRecord:
-    """An episode whose perception is off: what PS6D finds is moved before it is handed on. The oracle is not."""
-    real = episode.ps6d
-    episode.ps6d = lambda workpiece, min_score: _with_error(real(workpiece, min_score))  # type: ignore[assignment]
-    try:
-        return episode.run_episode(scenario, seed, oracle, on_attempt, pictures)
-    finally:
-        episode.ps6d = real
+FAULTS = ("grasp", "weights", "friction")
+MOVED = 0.004
+"""[m] that every grasp point is moved along its closing direction."""
+NOISE = 0.9
+"""Standard deviation of each weight's error in shares of the weight."""
+PADS = 0.0003
+"""Friction of the pads in place of 0.8: 40 N hold 48 g in the hand with less than a thirtieth of that."""
 
 
-def _with_error(perceive: Perceive) -> Perceive:
-    def worse(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
-        found = perceive(cell, frame, ids, rng)
-        k = len(found.scores)
-        turns = Rotation.from_rotvec(rng.normal(0.0, TURN, (k, 3))).as_matrix()
-        errors = make_transform(turns, rng.normal(0.0, SHIFT, (k, 3)))
-        return Estimates(found.Ts_world_part @ errors, found.scores, found.residuals)
+@contextmanager
+def planted(fault: str, folder: Path) -> Iterator[list[str]]:
+    """What of a bracket's scenario is to be set while this fault, or `none`, is at work; files are made in `folder`."""
+    if fault == "none":
+        yield []
+    elif fault == "friction":
+        yield [f"gripper={_worn_pads(folder)}"]
+    else:
+        copy = folder / "workpieces" / "bracket"
+        if not copy.exists():
+            shutil.copytree(load_workpiece("bracket").folder, copy)
+            (_move_grasps if fault == "grasp" else _noise_weights)(copy)
+        with child_environment({"PICKPROOF_WORKPIECES": str(copy.parent.resolve())}):
+            yield []
 
-    return worse
 
-
-def move_grasps(folder: Path, names: tuple[str, ...]) -> Path:
-    """A copy of the bracket in `folder` with these grasp points MOVED along their closing direction.
-
-    The search path of workpieces is PICKPROOF_WORKPIECES: set it to `folder` to use the copy.
-    """
-    shutil.copytree(load_workpiece("bracket").folder, folder / "bracket")
-    path = folder / "bracket" / "grasps.yaml"
+def _move_grasps(copy: Path) -> None:
+    path = copy / "grasps.yaml"
     table = yaml.safe_load(path.read_text(encoding="utf-8"))
     for grasp in table["grasps"]:
-        if grasp["name"] in names:
-            grasp["centre"] = [float(c + MOVED * n) for c, n in zip(grasp["centre"], grasp["closing"], strict=True)]
+        grasp["centre"] = [float(c + MOVED * n) for c, n in zip(grasp["centre"], grasp["closing"], strict=True)]
     path.write_text(yaml.safe_dump(table), encoding="utf-8")
+
+
+def _noise_weights(copy: Path) -> None:
+    path, rng = copy / "ps6d.safetensors", np.random.default_rng(0)
+    with safe_open(path, framework="np") as file:
+        meta, tensors = file.metadata(), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    for name, values in tensors.items():
+        if values.ndim > 1:  # not the statistics of the normalisation
+            tensors[name] = (values * rng.normal(1.0, NOISE, values.shape)).astype(values.dtype)
+    save_file(tensors, path, metadata=meta)
+
+
+def _worn_pads(folder: Path) -> Path:
+    gripper = yaml.safe_load(gripper_path("jaw_v1").read_text(encoding="utf-8")) | {"friction": PADS}
+    folder.mkdir(parents=True, exist_ok=True)
+    path = (folder / "jaw_v1_worn.yaml").resolve()
+    path.write_text(yaml.safe_dump(gripper), encoding="utf-8")
     return path

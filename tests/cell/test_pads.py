@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.frames import Array
+from cell.frames import Array, about_axis, invert
 from cell.gripper import load_gripper
 from cell.holding import Hold, share
 from cell.magnet import Magnet
-from cell.suction import VacuumGripper
+from cell.pads import TOUCH
+from cell.probe import probe_part
+from cell.suction import OUTSIDE, VacuumGripper
 from cell.workpiece import Workpiece, load_workpiece
 from cell.world import GRAVITY
 from tests.cell.pad_cell import PadCell
@@ -178,3 +180,20 @@ def test_a_bar_of_cups_carries_the_long_profile_and_seals_beside_its_slots_only(
     assert pulled == pytest.approx(4 * bar.force, rel=0.02)  # type: ignore[union-attr]
     slot = new_cell(bar, along, offset=(0.0, 0.20), gap=0.0)  # three cups come over slots
     assert sorted(slot.grip.faces) == ["", "edge", "edge", "edge"]
+
+
+@pytest.mark.parametrize("sprung_alone", [False, True])
+def test_cups_on_springs_of_their_own_reach_as_far_down_as_the_bar_is_pressed(
+    cup: VacuumGripper, sprung_alone: bool
+) -> None:
+    """A plate leans by a under two cups d apart and touches the upper lip: the lower one is d tan a over it."""
+    apart, lean = 0.2, np.deg2rad(1.5)
+    bar = replace(cup, centres=((-apart / 2, 0.0), (apart / 2, 0.0)), sprung_alone=sprung_alone)
+    T_tool_part = about_axis((0.0, 1.0, 0.0), np.array(-lean))
+    to_edge = apart / 2 + bar.radius + OUTSIDE  # of the upper lip from the middle of the bar
+    T_tool_part[:3, 3] = (-to_edge, 0.0, 0.0) + T_tool_part[:3, :3] @ (to_edge, 0.0, 0.01)
+    plate, T_part_tool = block((0.4, 0.06, 0.02), 1.0), invert(T_tool_part)
+    wanted = apart * np.tan(lean) - TOUCH
+    for pressed in (0.0, 0.95 * wanted, 1.05 * wanted):
+        seals = bar.take(lambda xy: probe_part(plate, T_part_tool, xy), lambda _: False, pressed)[1]
+        assert seals == ("", "" if sprung_alone and pressed > wanted else "no_contact")

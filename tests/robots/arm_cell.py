@@ -6,8 +6,10 @@ import numpy as np
 
 from cell.bin import Bin, Box, table
 from cell.frames import Array, about_axis, make_transform
+from robots.dynamics import Load, torques
 from robots.model import RobotModel
 from robots.plan import PickRequest
+from robots.trajectory import Trajectory
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 T_FLANGE_TOOL = make_transform(t=(0, 0, 0.16))
@@ -33,3 +35,8 @@ def request_at(robot: RobotModel, x: float, y: float, R: Array = DOWN, z: float 
     """A pick at (x, y, z) with three place poses in the place bin."""
     places = np.stack([make_transform(DOWN, (0.25 + dx, -0.40, 0.06)) for dx in (0.0, -0.07, 0.07)])
     return PickRequest(robot.home, make_transform(R, (x, y, z)), places, T_FLANGE_TOOL, PART, robot.home)
+
+
+def share_of_limits(robot: RobotModel, trajectory: Trajectory, load: Load) -> Array:
+    """Largest torque of each joint (6,) along a trajectory as a share of its limit."""
+    return np.asarray(np.abs(torques(robot, trajectory, load)).max(axis=0) / robot.effort)

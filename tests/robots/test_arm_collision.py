@@ -175,6 +175,18 @@ def test_the_held_part_passes_where_only_it_lay(robot: RobotModel) -> None:
     assert not scene.free(between)
 
 
+def test_until_it_has_left_the_hand_is_as_it_waits(robot: RobotModel) -> None:
+    """A post beside the fingers that only wider ones meet: they do in mode `depart`, else `transit`'s like."""
+    q = at(robot, 0.45, 0, 0.05)
+    wide = (TOOL[0], *(Box(b.name, b.size, make_transform(t=2 * b.T_world_box[:3, 3] * (1, 0, 0.5))) for b in TOOL[1:]))
+    post = Box("post", (0.01, 0.01, 0.04), make_transform(t=(0.49, 0.0, 0.07)))
+    scene = CollisionScene(robot, TOOL, [post], None, wide)
+    assert scene.free(q, "transit")
+    assert scene.first_contact(q, "depart") == ("finger_right", "post")
+    same = CollisionScene(robot, TOOL, [post])
+    assert same.free(q, "transit") and same.free(q, "depart")
+
+
 def test_unseen_cells_are_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         HeightField(np.array([[0.0, np.nan], [0.0, 0.0]]), 0, 0, 0.1)

@@ -9,11 +9,12 @@ import pytest
 from cell.errors import InputError
 from cell.gripper import load_gripper
 from cell.workpiece import load_workpiece
-from robots.dynamics import Load, overload, torque_share, torques
+from robots.dynamics import Load, overload, torques
 from robots.model import forward, list_robots, load_robot
 from robots.trajectory import Trajectory, joint_move
 from scenarios.scenario import load_scenario
 from scenarios.workcell import check_payload
+from tests.robots.arm_cell import share_of_limits
 
 NAMES = list_robots()
 
@@ -52,10 +53,10 @@ def test_full_speed_moves_keep_the_torque_limits_with_the_payload(name: str) -> 
     rng = np.random.default_rng(1)
     for _ in range(5):
         turn = rng.uniform(-1, 1, 6) * (1.0, 0.4, 0.4, 1.0, 0.5, 2.0)
-        share = torque_share(robot, joint_move(robot, robot.home, robot.home + turn), load)
+        share = share_of_limits(robot, joint_move(robot, robot.home, robot.home + turn), load)
         assert (share < 1.0).all()
     heavy = Load(40 * robot.payload, load.centre)
-    assert (torque_share(robot, joint_move(robot, robot.home, robot.home + 0.4), heavy) > 1.0).any()
+    assert (share_of_limits(robot, joint_move(robot, robot.home, robot.home + 0.4), heavy) > 1.0).any()
 
 
 def test_the_payload_is_checked() -> None:

@@ -8,7 +8,7 @@ import pytest
 from cell.bin import Box
 from cell.frames import Array, invert, make_transform
 from robots.collision import CollisionScene
-from robots.dynamics import Load, torque_share
+from robots.dynamics import Load
 from robots.failure import Cause, PlanFailure, Refusal, Stage
 from robots.flight import OFF_LINE
 from robots.inverse import FRONT, branch, inverse
@@ -16,7 +16,7 @@ from robots.model import RobotModel, forward
 from robots.plan import UP, PickPlan, PickRequest, check_grasps, plan_pick
 from robots.search import search
 from robots.trajectory import Trajectory
-from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at, tilted
+from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at, share_of_limits, tilted
 from tests.robots.test_trajectory import assert_at_rest, assert_keeps_limits
 
 TOLERANCE = OFF_LINE + 0.1e-3  # [m]
@@ -254,7 +254,7 @@ def test_a_heavy_part_is_carried_slower_and_one_too_heavy_not_at_all(robot: Robo
         plan = plan_pick(scene, replace(request, part_load=part, carry_acceleration=40.0))
         assert isinstance(plan, PickPlan), plan
         both = joined(plan.lift, plan.carry)
-        assert (torque_share(weak, both, request.tool_load + part) < 1.01).all()
+        assert (share_of_limits(weak, both, request.tool_load + part) < 1.01).all()
         seconds.append(both.duration)
     assert seconds[1] > 1.02 * seconds[0]
     refused = failure(scene, replace(request, part_load=Load(60.0, np.array([0.0, 0.0, 0.16]))))

@@ -15,20 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from cell.errors import InputError, SimulationError
+from scenarios.job import Job
 from scenarios.records import AttemptRecord, EpisodeRecord, Reason
-from scenarios.scenario import Scenario
 
 GRASPS = ("long_side", "flange", "step")
 
 
-def run_episode(
-    scenario: Scenario,
-    seed: int,
-    oracle: frozenset[str],
-    on_attempt: Callable[[AttemptRecord], None],
-    pictures: bool,
-    keep: object = None,
-) -> EpisodeRecord:
+def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
+    scenario, seed = job.scenario, job.seed
     rng = np.random.default_rng(seed)
     left, attempt = scenario.count, 0
     while left > 0 and attempt < scenario.stop.attempt_limit:
@@ -36,7 +30,7 @@ def run_episode(
             misbehave(scenario.gripper)
         if scenario.gripper == "slow":
             time.sleep(0.1)
-        record = fake_attempt(seed, attempt, left, scenario.count, rng, pictures)
+        record = fake_attempt(seed, attempt, left, scenario.count, rng, job.pictures)
         left -= record.success
         attempt += 1
         on_attempt(record)

@@ -10,18 +10,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from scenarios.job import Job
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.scenario import Scenario
 
 
-def run_episode(
-    scenario: Scenario,
-    seed: int,
-    oracle: frozenset[str],
-    on_attempt: Callable[[AttemptRecord], None],
-    pictures: bool,
-    keep: object = None,
-) -> EpisodeRecord:
+def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
+    scenario, seed = job.scenario, job.seed
     luck = np.random.default_rng((seed, 1)).random(scenario.stop.attempt_limit)
     left, attempt = scenario.count, 0
     while left and attempt < scenario.stop.attempt_limit:
@@ -42,4 +37,4 @@ def write_campaign(out, scenario: Scenario, seeds: range, **meta) -> None:
     values |= {"episodes": len(seeds), "oracle": [], "weights_hash": "", "versions": {}, "command": "", "wall_s": 0.0}
     with Store.create(out, values | meta) as store:
         for seed in seeds:
-            store.add_episode(run_episode(scenario, seed, frozenset(), store.add_attempt, False))
+            store.add_episode(run_episode(Job(scenario, seed), store.add_attempt))

@@ -6,22 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from scenarios.job import Job
 from scenarios.records import AttemptRecord, EpisodeRecord
-from scenarios.scenario import Scenario
 
 COSTS = {"perception": 0.02, "grasp": 0.25, "motion": 0.04}
 
 
-def run_episode(
-    scenario: Scenario,
-    seed: int,
-    oracle: frozenset[str],
-    on_attempt: Callable[[AttemptRecord], None],
-    pictures: bool,
-) -> EpisodeRecord:
+def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
     """`scenario.count` attempts; the luck of each is that of the seed, whatever the oracles."""
+    scenario, seed = job.scenario, job.seed
     luck = np.random.default_rng(seed).random(scenario.count)
-    chance = 1.0 - sum(cost for stage, cost in COSTS.items() if stage not in oracle)
+    chance = 1.0 - sum(cost for stage, cost in COSTS.items() if stage not in job.oracle)
     for i, draw in enumerate(luck):
         success = bool(draw < chance)
         on_attempt(AttemptRecord(seed, i, True, success, "" if success else "slipped", scenario.count, 1))

@@ -12,6 +12,7 @@ from scenarios.attribution import MODES, attribute, verdict_line
 from scenarios.cli import main
 from scenarios.paired import Outcome
 from scenarios.scenario import load_scenario
+from scenarios.statistics import wilson
 from scenarios.store import FILE
 
 FILES = [f"{k}.sqlite" for k in range(4)]
@@ -26,7 +27,9 @@ def side(rates, attempts=20, seeds=range(12)):
 def summary(outcomes):
     n, good = sum(o.attempts for o in outcomes), sum(o.successes for o in outcomes)
     rate = good / n if n else None
-    return {"scenario": "x", "success_rate": rate, "no_picks": 0, "attempts": n, "successes": good}
+    bounds = wilson(good, n) if n else (0.0, 1.0)
+    base = {"scenario": "x", "success_rate": rate, "no_picks": 0, "attempts": n, "successes": good}
+    return base | {"cluster95": bounds, "reasons": {"slipped": n - good} if n > good else {}}
 
 
 def attributed(*rates, **kwargs):
@@ -63,8 +66,15 @@ def test_the_costliest_stage_is_named(rates, named):
 
 
 def test_where_nothing_differs_nothing_is_named():
-    a = attributed(0.9, 0.9, 0.9, 0.9)
+    a = attributed(1.0, 1.0, 1.0, 1.0)
     assert a.named is None and verdict_line(a).startswith("no evidence")
+    assert attributed(0.9, 0.9, 0.9, 0.9).named is None
+
+
+def test_what_no_oracle_mends_leads_where_it_is_more_than_any_stage():
+    a = attributed(0.3, 0.35, 0.4, 0.4)
+    assert verdict_line(a).startswith("mend grip, placing or the scenario first") and "slipped" in verdict_line(a)
+    assert not verdict_line(attributed(0.6, 0.65, 0.95, 0.97)).startswith("mend grip")
 
 
 def test_parts_left_behind_are_seen_where_the_success_is_silent():

@@ -13,9 +13,12 @@ from cell.frames import Array, make_transform
 from grasping.verdict import CHOSEN
 from robots.model import forward
 from robots.plan import PickPlan
+from scenarios.choose import choose
+from scenarios.decide import Decision, decide
 from scenarios.episode import oracle_perception
+from scenarios.memory import Memory
 from scenarios.move import move
-from scenarios.pick import Decision, Memory, attempt_pick, choose, decide
+from scenarios.pick import attempt_pick
 from scenarios.records import Reason
 from scenarios.retreat import recover
 from scenarios.scenario import load_scenario
@@ -56,7 +59,7 @@ def after_stop(record: object) -> str:
 
 def test_nothing_is_touched_on_planned_ways(cell: Workcell) -> None:
     """The engine's own contact points of arm and gripper body, at every step of two picks; fingers excepted."""
-    memory = Memory(cell.new_place())
+    memory = Memory.of(cell)
     for attempt in range(2):
         decision, plan = planned(cell, memory, attempt)
         assert decision.candidate is not None
@@ -70,7 +73,7 @@ def test_nothing_is_touched_on_planned_ways(cell: Workcell) -> None:
 
 @pytest.mark.parametrize("leg", ["approach", "carry"])
 def test_the_arm_draws_back_from_what_it_hits(cell: Workcell, leg: str) -> None:
-    memory = Memory(cell.new_place())
+    memory = Memory.of(cell)
     _, plan = planned(cell, memory)
     rows = plan.approach.q if leg == "approach" else plan.carry.q
     plant(cell, rows[len(rows) // 2])
@@ -85,7 +88,7 @@ def test_the_arm_draws_back_from_what_it_hits(cell: Workcell, leg: str) -> None:
 
 
 def test_where_the_way_back_is_shut_it_is_said(cell: Workcell) -> None:
-    decision, plan = planned(cell, Memory(cell.new_place()))
+    decision, plan = planned(cell, Memory.of(cell))
     assert decision.candidate is not None
     way_in = plan.approach.q
     cell.arm.hold_jaws(decision.candidate.opening)  # for which it was planned

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.episode import run_episode
+from scenarios.job import Job
 from scenarios.records import NO_PICK_REASONS, AttemptRecord, EpisodeRecord
 from scenarios.scenario import load_scenario
 from scenarios.store import record_hash
@@ -25,7 +26,7 @@ class Run:
 def run(seed: int, oracle: frozenset[str] = ORACLE, pictures: bool = False, **fields: object) -> Run:
     scenario = load_scenario("bracket", [f"{name}={value}" for name, value in fields.items()])
     attempts: list[AttemptRecord] = []
-    episode = run_episode(scenario, seed, oracle, attempts.append, pictures)
+    episode = run_episode(Job(scenario, seed, oracle, pictures), attempts.append)
     return Run(episode, attempts)
 
 

@@ -33,6 +33,7 @@ def test_export_and_import_are_inverse(tmp_path: Path, capsys: pytest.CaptureFix
         (["import", "nonesuch", "nowhere.yaml"], ["workpiece", "nonesuch", "bracket"]),
         (["export", "bracket", "--gripper", "hand"], ["gripper", "hand", "jaw_v1"]),
         (["export", "bracket", "--tool", "0", "0"], ["--tool", "6 arguments"]),
+        (["sample", "bunny", "--least", "1.5"], ["--least", "1.5", "less than 1"]),
         (["fly"], ["fly", "import", "export"]),
         ([], ["COMMAND"]),
     ],

@@ -10,9 +10,12 @@ import pytest
 
 from cell.frames import apply, invert, make_transform
 from grasping.candidates import GraspCandidate
+from scenarios.choose import choose
 from scenarios.episode import oracle_perception, run_episode
 from scenarios.gantry import gantry_joints, gantry_line
-from scenarios.pick import Memory, attempt_pick, choose
+from scenarios.job import Job
+from scenarios.memory import Memory
+from scenarios.pick import attempt_pick
 from scenarios.records import AttemptRecord
 from scenarios.scan import scene_points, true_points
 from scenarios.scenario import load_scenario
@@ -33,7 +36,7 @@ def cell() -> Iterator[Workcell]:
 def best(cell: Workcell) -> GraspCandidate:
     rng = np.random.default_rng(0)
     frame, ids = cell.capture(rng)
-    memory = Memory(cell.new_place())
+    memory = Memory.of(cell)
     return choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0).candidates[0]
 
 
@@ -67,7 +70,7 @@ def test_a_bin_out_of_the_arms_reach_is_picked_by_the_motion_oracle_alone() -> N
     def picked(*oracle: str) -> tuple[int, AttemptRecord]:
         records: list[AttemptRecord] = []
         scenario = load_scenario("bracket", [FAR, CAMERA, "count=1"])
-        return run_episode(scenario, 0, frozenset(oracle), records.append, False).parts_picked, records[0]
+        return run_episode(Job(scenario, 0, frozenset(oracle)), records.append).parts_picked, records[0]
 
     none, first = picked("perception")
     assert (none, first.reason) == (0, "unreachable")
@@ -80,7 +83,7 @@ def test_oracles_are_used_where_named_only() -> None:
     try:
         assert cell.rehearsal is None and cell.oracle == frozenset()
         np.testing.assert_array_equal(cell.home, cell.robot.home)
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         assert attempt_pick(cell, oracle_perception, memory, 0, 0).waypoints
     finally:
         cell.close()

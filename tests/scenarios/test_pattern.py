@@ -15,8 +15,9 @@ from grasping.clearance import OpenGripper
 from grasping.grasp_points import GraspPoses, load_grasps
 from perception.metrics import rotation_error
 from scenarios.episode import oracle_perception
+from scenarios.memory import Memory
 from scenarios.pattern import HOVER, PatternPlan
-from scenarios.pick import Memory, attempt_pick
+from scenarios.pick import attempt_pick
 from scenarios.place import MAX_LEAN
 from scenarios.place_config import PatternPlace
 from scenarios.placing import check_room, place_of
@@ -134,7 +135,7 @@ def grid_cell(*changes: str) -> Workcell:
 def test_brackets_are_set_down_on_the_grid_and_others_need_a_regrasp() -> None:
     cell = grid_cell()
     try:
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         records = [attempt_pick(cell, oracle_perception, memory, 0, k) for k in range(2)]
         placed = [r for r in records if r.success]
         assert placed
@@ -154,7 +155,7 @@ def test_a_workpiece_that_does_not_stay_as_wanted_is_misplaced() -> None:
     """Let go level, flange down, it tips over its flange by 10 degrees: seen, and not a success."""
     cell = grid_cell("place.part_rpy_deg=[180, 0, 0]", "place.part_position=[0, 0, 0.007]")
     try:
-        record = attempt_pick(cell, oracle_perception, Memory(cell.new_place()), 0, 0)
+        record = attempt_pick(cell, oracle_perception, Memory.of(cell), 0, 0)
     finally:
         cell.close()
     assert (record.moved, record.reason) == (True, Reason.MISPLACED)
@@ -167,7 +168,7 @@ def test_a_hold_without_a_place_is_a_no_pick() -> None:
     try:
         cell.world.place_part(0, cell.source.T_world_bin @ make_transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 0.012)))
         assert cell.world.run_until_rest(2.0)
-        record = attempt_pick(cell, oracle_perception, Memory(cell.new_place()), 0, 0)
+        record = attempt_pick(cell, oracle_perception, Memory.of(cell), 0, 0)
     finally:
         cell.close()
     assert (record.moved, record.reason) == (False, Reason.NO_PLACE)

@@ -10,9 +10,12 @@ from scipy.spatial import cKDTree
 
 from cell.frames import Array, apply, invert, make_transform
 from grasping.candidates import Selection
+from scenarios.choose import Estimates, choose
+from scenarios.decide import decide
 from scenarios.episode import oracle_perception
+from scenarios.memory import AVOID_RADIUS, Memory
 from scenarios.move import release_opening
-from scenarios.pick import AVOID_RADIUS, Estimates, Memory, Perceive, attempt_pick, choose, decide
+from scenarios.pick import Perceive, attempt_pick
 from scenarios.records import Reason
 from scenarios.scan import BIN_MARGIN, GRID, Scan, scene_points
 from scenarios.scenario import load_scenario
@@ -32,7 +35,7 @@ def cell() -> Iterator[Workcell]:
 
 @pytest.fixture
 def memory(cell: Workcell) -> Memory:
-    return Memory(cell.new_place())
+    return Memory.of(cell)
 
 
 def always(Ts_world_part: Array) -> Perceive:
@@ -161,11 +164,28 @@ def test_a_right_pose_is_picked_from_a_turned_bin(cell: Workcell, memory: Memory
     assert sum(memory.place.used) == 1 and not memory.failed
 
 
+def test_places_out_of_reach_make_room_for_others_within_one_decision() -> None:
+    """The first five slots lie 0.95 m and more from the arm's axis; there is room in the others."""
+    far = "place_bin={inner: [0.9, 0.13, 0.06], position: [0.60, -0.43, 0.01], yaw: 3.14159}"
+    cell = Workcell.build(load_scenario("bracket", ["count=1", far]), seed=3)
+    try:
+        memory, rng = Memory.of(cell), np.random.default_rng(0)
+        frame, ids = cell.capture(rng)
+        selection = choose(cell, frame, oracle_perception(cell, frame, ids, rng), memory, 0)
+        decision = decide(cell, frame, selection, memory, 0)
+        assert decision.plan is not None and memory.place.passed[:5] == [1] * 5
+        assert memory.place.offered[decision.plan.place] >= 5
+        assert any(selection.candidates[i] is decision.candidate for i in range(len(selection.candidates)))
+        assert all(selection.candidates[i] is not decision.candidate for i in decision.refused)
+    finally:
+        cell.close()
+
+
 def test_released_fingers_stay_clear_of_the_place_bins_walls() -> None:
     """Opened all the way, a finger met the wall, and the workpiece stayed in the jaws or was flung out."""
     cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)
     try:
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         beside_wall, in_the_middle = cell.place.position[0] - cell.place.inner[0] / 2 + 0.016, cell.place.position[0]
         for x, least, most in ((beside_wall, 0.014, 0.022), (in_the_middle, 0.038, 0.038)):
             T = make_transform(np.diag([1.0, -1.0, -1.0]), (x, cell.place.position[1], 0.03))
@@ -180,7 +200,7 @@ def test_no_part_stays_glued_to_a_finger() -> None:
     place = "place_bin={inner: [0.26, 0.20, 0.06], position: [0.22, -0.40, 0.01]}"
     cell = Workcell.build(load_scenario("bracket", [place]), seed=4)
     try:
-        memory = Memory(cell.new_place())
+        memory = Memory.of(cell)
         reasons = [attempt_pick(cell, oracle_perception, memory, 4, attempt).reason for attempt in range(4)]
     finally:
         cell.close()

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from cell.camera import DepthFrame
+from scenarios.choose import Estimates, choose
 from scenarios.episode import oracle_perception
-from scenarios.pick import Estimates, Memory, choose
+from scenarios.memory import Memory
 from scenarios.pictures import CHOSEN, OTHERS, TOOL, depth_picture, png, snap
 from scenarios.scenario import load_scenario
 from scenarios.workcell import Workcell
@@ -42,7 +43,7 @@ def test_the_depth_picture_shows_poses_and_the_chosen_grasp(cell: Workcell) -> N
     rng = np.random.default_rng(0)
     frame, ids = cell.capture(rng)
     estimates = oracle_perception(cell, frame, ids, rng)
-    selection = choose(cell, frame, estimates, Memory(cell.new_place()), 0)
+    selection = choose(cell, frame, estimates, Memory.of(cell), 0)
     chosen = selection.candidates[0]
     plain = decoded(depth_picture(cell, frame, NOTHING, None))
     without, drawn = (decoded(depth_picture(cell, frame, estimates, c)) for c in (None, chosen))

@@ -11,7 +11,7 @@ from cell.gripper import load_gripper
 from cell.symmetry import Symmetry
 from cell.workpiece import Workpiece, load_workpiece
 from grasping.grasp_points import load_grasps
-from scenarios.place import DROP, MAX_FALL, MAX_LEAN, SLOTS_OFFERED, PlacePlan, place_error
+from scenarios.place import ABOVE, DROP, MAX_FALL, MAX_LEAN, SLOTS_OFFERED, PlacePlan, likely_rests, place_error
 from scenarios.slots import YAWS
 
 BIN = Bin("place", (0.26, 0.20, 0.06), 0.006, (0.22, -0.40, 0.01), 0.4)
@@ -120,7 +120,7 @@ def test_slots_without_a_way_make_room_for_others(bracket: Workpiece, holds: Arr
     plan = PlacePlan(replace(BIN, inner=(0.40, 0.30, 0.06)), bracket, JAW)
     assert len(plan.slots.centres) > 2 * SLOTS_OFFERED
     seen: set[int] = set()
-    for _ in range(-(-len(plan.slots.centres) // SLOTS_OFFERED)):
+    for _ in range(plan.rounds):
         heights = apply(parts_in_bin(plan, holds[0]), bracket.vertices)[..., 2].min(axis=1)
         np.testing.assert_allclose(heights, DROP, atol=1e-9)
         seen |= set(plan.offered.tolist())
@@ -136,3 +136,50 @@ def test_the_error_of_a_placement(bracket: Workpiece) -> None:
     two_fold = replace(bracket, symmetry=Symmetry((0, 0, 180)))
     turned = rests @ about_axis((0, 0, 1), np.array(np.pi))
     assert place_error(turned, wanted, two_fold) == pytest.approx((0.005, 0.2))
+
+
+def test_a_round_workpiece_lies_as_well_as_it_stands() -> None:
+    """On a plane a candlestick touches foot and drip pan: its axis leans by atan((r_foot - r_pan) / their distance)."""
+    candlestick = load_workpiece("candlestick")
+    ups = likely_rests(candlestick)[:, 2]
+    np.testing.assert_allclose(np.linalg.norm(ups, axis=1), 1.0, atol=1e-9)
+    stands, lies = ups[:, 2] > 0.99, np.abs(ups[:, 2]) < 0.5
+    assert stands.any() and (stands | lies).all()
+    turns = np.sort(np.arctan2(ups[lies, 1], ups[lies, 0]))
+    assert np.diff(turns).max() < np.deg2rad(16.0)  # every way round
+    rims = np.array([[0.0445, -0.062], [0.033, 0.0455]])  # (radius, height) of the outermost edges
+    (r0, z0), (r1, z1) = rims
+    np.testing.assert_allclose(ups[lies, 2], -np.sin(np.arctan2(r0 - r1, z1 - z0)), atol=0.02)
+
+
+def test_held_across_its_stem_a_candlestick_is_laid_down_with_the_tool_nearly_upright() -> None:
+    """The lean is that of its axis where it lies, 6 degrees, and of the hold."""
+    candlestick = load_workpiece("candlestick")
+    plan = PlacePlan(Bin("place", (0.68, 0.36, 0.03), 0.008, (0.22, -0.43, 0.01)), candlestick, JAW, 12)
+    straight = make_transform(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), (0.0, 0.0, -0.028))
+    Ts = plan.tool_poses(straight)[plan.leaning == 0]
+    assert len(Ts) and (-Ts[:, 2, 2] > np.cos(np.deg2rad(10.0))).all()
+
+
+def test_the_line_down_clears_the_rim_and_what_stands_there(bracket: Workpiece) -> None:
+    deep = PlacePlan(replace(BIN, inner=(0.26, 0.20, 0.30)), bracket, JAW)
+    assert deep.line == pytest.approx(0.30 + ABOVE)
+    flat = PlacePlan(replace(BIN, inner=(0.26, 0.20, 0.001)), bracket, JAW)
+    assert 0.014 + ABOVE <= flat.line <= 0.056 + ABOVE + 1e-3
+    shallow = replace(BIN, inner=(0.68, 0.36, 0.03))
+    assert PlacePlan(shallow, load_workpiece("candlestick"), JAW).line == pytest.approx(0.141 + ABOVE, abs=1e-3)
+
+
+def test_poses_with_room_for_the_jaws_are_taken_first(bracket: Workpiece, holds: Array) -> None:
+    """Whatever their slot and lean; beside a wall some have none."""
+    plan = PlacePlan(replace(BIN, inner=(0.26, 0.13, 0.06)), bracket, JAW)
+    seen = set()
+    for T_part_tool in holds[:10]:
+        Ts = plan.tool_poses(T_part_tool)
+        order = np.argsort(plan.ranks(), kind="stable")
+        room = np.array([plan.room(T, JAW.max_opening) for T in Ts[order]])
+        assert (np.diff(room.astype(int)) <= 0).all()
+        flat = ~plan.leaning[order]
+        assert (np.diff(flat[room].astype(int)) <= 0).all()
+        seen |= set(room.tolist())
+    assert seen == {True, False}

@@ -1,14 +1,13 @@
 """On a Ray node of its own; needs `pickproof[cluster]`."""
 
-import os
 import socket
 import sys
-from contextlib import suppress
 from importlib.util import find_spec
-from pathlib import Path
 
+import numpy as np
 import pytest
 from fake_episode import run_episode
+from sockets import listening, on_loopback
 
 from cell.errors import InputError
 from scenarios.campaign import run_campaign
@@ -16,10 +15,13 @@ from scenarios.cli import main
 from scenarios.scenario import load_scenario
 from scenarios.store import Store
 from scenarios.summary import summarise
-from tests.benchmarks.faults import descendants
+from tests.benchmarks.faults import FAKE, SLOW, Nodes, storm
 
 # not imported here: Ray reads how far it may be seen when it is imported
 needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="pickproof[cluster] is not installed")
+ray_leaves_rests = pytest.mark.filterwarnings(  # pipes and processes, to the collector
+    "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning"
+)
 
 
 def campaign(out, ray, gripper="jaw_v1", on_event=lambda event: None):
@@ -38,20 +40,8 @@ def campaign(out, ray, gripper="jaw_v1", on_event=lambda event: None):
         return summarise(store)
 
 
-def listening():
-    """Local addresses, in hexadecimal, on which this process and those below it listen."""
-    mine = set()
-    for pid in (os.getpid(), *descendants(os.getpid())):
-        with suppress(OSError):  # it has ended
-            mine |= {str(fd.readlink()) for fd in Path(f"/proc/{pid}/fd").iterdir()}
-    lines = [line.split() for kind in ("tcp", "tcp6") for line in Path(f"/proc/net/{kind}").read_text().splitlines()]
-    return {words[1] for words in lines if words[3] == "0A" and f"socket:[{words[9]}]" in mine}
-
-
 @needs_ray
-@pytest.mark.filterwarnings(
-    "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning"
-)  # Ray leaves pipes and processes to the collector
+@ray_leaves_rests
 def test_ray_gives_the_records_of_this_machine_and_serves_on_loopback_only(tmp_path):
     opened, retries = set(), []
 
@@ -62,8 +52,18 @@ def test_ray_gives_the_records_of_this_machine_and_serves_on_loopback_only(tmp_p
     far = campaign(tmp_path / "far", "local", f"killed:{tmp_path / 'mark'}", look)
     assert far["record_hash"] == campaign(tmp_path / "near", None)["record_hash"]
     assert len(retries) == 2
-    loopback = ("0100007F", "0000000000000000FFFF00000100007F", "00000000000000000000000001000000")
-    assert opened and {address.partition(":")[0] for address in opened} <= set(loopback)
+    assert on_loopback(opened)
+
+
+@needs_ray
+@ray_leaves_rests
+def test_a_killed_node_loses_and_doubles_nothing(tmp_path):
+    """The driver goes on with the other node, or stops and is continued when the node that died was its own."""
+    with Nodes() as nodes:
+        assert on_loopback(listening())
+        words = [*SLOW, "--oracle", "perception", "--episodes", "4", f"--ray={nodes.address}"]
+        found = storm(tmp_path, 1, np.random.default_rng(0), words, FAKE, 0.0, 1.0, nodes, node_share=1.0)
+    assert found.kills == {"node": 1} and found.harmless, found
 
 
 @needs_ray

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
+from sockets import listening, on_loopback
 from test_report import meta
 
 from cell.arm import Arm
@@ -22,6 +23,7 @@ from robots.model import load_robot
 from scenarios.artefact import LENGTH_STEP, path_of, poses_to_matrices, read_artefact, write_artefact
 from scenarios.episode import run_episode
 from scenarios.film import pictures, record
+from scenarios.job import Job
 from scenarios.replay_data import Replayed
 from scenarios.replay_page import ReplayPage
 from scenarios.scenario import load_scenario, scenario_json
@@ -37,8 +39,8 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("kept")
     scenario = load_scenario("bracket", ["count=2"])
     with Store.create(out, meta(scenario=scenario_json(scenario), episodes=1)) as store:
-        keep = Keep(out, "all")
-        store.add_episode(run_episode(scenario, SEED, frozenset({"perception"}), store.add_attempt, False, keep))
+        job = Job(scenario, SEED, frozenset({"perception"}), keep=Keep(out, "all"))
+        store.add_episode(run_episode(job, store.add_attempt))
     return out
 
 
@@ -136,15 +138,8 @@ def test_a_film_shows_that_something_moves(shown: Replayed, tmp_path: Path) -> N
 
 
 def test_the_server_listens_on_the_loopback_interface_only(page: ReplayPage) -> None:
-    port = int(page.url.rsplit(":", 1)[1])
-    listening = []
-    for table in ("tcp", "tcp6"):
-        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
-            local, state = line.split()[1], line.split()[3]
-            address, _, at = local.partition(":")
-            if int(at, 16) == port and state == "0A":
-                listening.append(address)
-    assert listening == ["0100007F"]  # 127.0.0.1 in the kernel's byte order
+    opened = listening()
+    assert f"0100007F:{int(page.url.rsplit(':', 1)[1]):04X}" in opened and on_loopback(opened)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")

@@ -11,13 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenarios.inputs import versions
+from scenarios.job import Job
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.report import choose_shown, write_report
 from scenarios.report_figures import library
-from scenarios.report_tables import by_place, classes, fill_levels, grasp_points
+from scenarios.report_tables import by_place, classes, fill_levels, grasp_points, uncovered_percent
 from scenarios.scenario import load_scenario, scenario_hash, scenario_json
 from scenarios.store import Store
 from scenarios.summary import summarise
+from scenarios.tree import condensed, verdict_counts
 
 
 def meta(**changes):
@@ -43,7 +45,7 @@ def filled(out, episodes=2, **changes):
     scenario = load_scenario("bracket")
     with Store.create(out, meta(**changes)) as store:
         for seed in range(episodes):
-            store.add_episode(run_episode(scenario, seed, frozenset(), store.add_attempt, True))
+            store.add_episode(run_episode(Job(scenario, seed, pictures=True), store.add_attempt))
     return out
 
 
@@ -90,6 +92,25 @@ def test_grasp_points_say_what_ruled_them_out():
     rows = {r.label: r for r in grasp_points([replace(attempt(0), tree=tree)])}
     assert (rows["step"].n, rows["step"].why) == (1, "tilt 75 %, path blocked 25 %")
     assert (rows["never"].n, rows["never"].why) == (0, "gripper bin 100 %")
+
+
+def test_a_condensed_tree_counts_the_same():
+    estimates = [
+        {
+            "score": 1.0,
+            "ruled_out": {"step": {"tilt": 3, "no_ik": k}, "flange": {"tilt": 2}, "never": {}},
+            "candidates": [
+                {"grasp": "step", "verdict": "path_blocked", "terms": {}},
+                {"grasp": "edge", "verdict": "chosen" if k == 1 else "outranked", "terms": {"uncovered": 0.9}},
+            ],
+        }
+        for k in range(3)
+    ]
+    whole, short = (replace(attempt(0), tree=t) for t in (estimates, condensed(estimates)))
+    assert verdict_counts(short.tree) == verdict_counts(whole.tree)
+    assert uncovered_percent(short) == uncovered_percent(whole) is not None
+    assert grasp_points([short]) == grasp_points([whole])
+    assert condensed(None) is None and condensed({"error": "x"}) == {"error": "x"}
 
 
 def test_the_place_in_the_bin_is_where_the_estimate_lies():

@@ -1,0 +1,213 @@
+"""Depth images and poses of a BOP dataset (scene-wise format), for training and for evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import trimesh
+
+from cell.bin import Bin
+from cell.camera import DepthFrame, Intrinsics, render
+from cell.errors import InputError
+from cell.frames import Array, invert, make_transform
+from cell.workpiece import Workpiece
+from perception.bop_format import (
+    CAMERA,
+    DATASET_INFO,
+    GROUND_TRUTH,
+    MM,
+    MODELS_INFO,
+    mask_name,
+    read_json,
+    read_pose,
+)
+from perception.cloud import roi_mask
+from perception.depth_noise import measured_sigma
+from perception.region import region_of_interest
+
+SAME_SIZE = 0.01
+"""Difference of edge lengths, relative to the longest, up to which a model of the dataset is the workpiece."""
+
+
+@dataclass(frozen=True)
+class BopImage:
+    """One depth image and the true poses of one object in it.
+
+    Attributes:
+        folder: of the scene.
+        scene, image, obj: ids in the dataset.
+        focal: fx, fy and centre: cx, cy in [pixel].
+        depth_scale: [mm] a count.
+        T_world_camera: (4, 4), identity where the dataset has none.
+        bin: where workpieces lie in the world, where dataset_info.json says so.
+        Ts_camera_part: (n, 4, 4) in [m], of the workpiece's own CAD frame; indices: (n,) of each in scene_gt.json.
+        T_model_part: (4, 4) from the workpiece's frame to that of the dataset's model.
+    """
+
+    folder: Path
+    scene: int
+    image: int
+    obj: int
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    depth_scale: float
+    T_world_camera: Array
+    bin: Bin | None
+    Ts_camera_part: Array
+    indices: tuple[int, ...]
+    T_model_part: Array
+
+    def frame(self) -> DepthFrame:
+        """The measured depth.
+
+        Raises:
+            InputError: no readable 16-bit image.
+        """
+        path = self.folder / "depth" / f"{self.image:06d}.png"
+        path = path if path.is_file() else path.with_suffix(".tif")
+        counts = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+        if counts is None or counts.dtype != np.uint16 or counts.ndim != 2:
+            raise InputError(path.with_suffix(".png"), "", "missing or unreadable", "a 16-bit one-channel depth image")
+        step = self.depth_scale / MM
+        depth = (counts * step).astype(np.float32)
+        K = Intrinsics(counts.shape[1], counts.shape[0], *self.focal, *self.centre)
+        return DepthFrame(depth, K, self.T_world_camera, measured_sigma(depth, step))
+
+    def region(self, frame: DepthFrame, workpiece: Workpiece) -> np.ndarray:
+        """(h, w) bool: where workpieces may be; no ground truth enters."""
+        return region_of_interest(frame, workpiece) if self.bin is None else roi_mask(frame, self.bin)
+
+    def ids(self, frame: DepthFrame, workpiece: Workpiece) -> np.ndarray:
+        """(h, w) int32: index of the instance that each pixel shows, -1 for anything else.
+
+        By the masks of visible surfaces; where the dataset has none, where the CAD at the true pose lies within the
+        workpiece's tolerance of the measured depth.
+        """
+        if not (self.folder / "mask_visib").is_dir():
+            exact = render(workpiece.vertices, workpiece.faces, self.Ts_camera_part, (), frame.intrinsics, np.eye(4))
+            near = (frame.depth > 0) & (np.abs(frame.depth - exact.depth) < workpiece.tolerance)
+            return np.where(near, exact.ids, np.int32(-1))
+        ids = np.full(frame.depth.shape, -1, np.int32)
+        for i, index in enumerate(self.indices):
+            path = self.folder / "mask_visib" / mask_name(self.image, index)
+            mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+            if mask is None or mask.shape[:2] != ids.shape:
+                raise InputError(path, "", "missing, unreadable or of another size", f"a mask of {ids.shape} pixels")
+            ids[(mask if mask.ndim == 2 else mask.max(2)) > 0] = i
+        return ids
+
+
+def read_bop(folder: Path, split: str | None, obj: int | None, workpiece: Workpiece) -> list[BopImage]:
+    """The images of a split that hold the object, by scene and image.
+
+    Args:
+        split: None where there is but one.
+        obj: its id; None where the dataset has but one.
+
+    Raises:
+        InputError: no such dataset, split or object, or files that are not as the format has them.
+    """
+    obj, T_model_part = _model(folder, obj, workpiece)
+    bin = _bin(folder)
+    images: list[BopImage] = []
+    for scene_folder in sorted(p for p in _split(folder, split).iterdir() if p.is_dir() and p.name.isdigit()):
+        truth = read_json(scene_folder / GROUND_TRUTH, "true poses; hidden ones cannot be scored")
+        cameras = read_json(scene_folder / CAMERA, "the cameras of a BOP scene")
+        for key in sorted(truth, key=int):
+            mine = [(i, entry) for i, entry in enumerate(truth[key]) if entry.get("obj_id") == obj]
+            if mine:
+                images.append(_image(scene_folder, key, obj, cameras, mine, bin, T_model_part))
+    if not images:
+        raise InputError(_split(folder, split), "", f"no image of object {obj}", "scenes that hold it")
+    return images
+
+
+def _image(
+    folder: Path,
+    key: str,
+    obj: int,
+    cameras: dict[str, Any],
+    mine: list[tuple[int, dict[str, Any]]],
+    bin: Bin | None,
+    T_model_part: Array,
+) -> BopImage:
+    path, field = folder / CAMERA, key
+    try:
+        camera = cameras[key]
+        K = np.reshape(np.asarray(camera["cam_K"], dtype=np.float64), (3, 3))
+        scale = float(camera["depth_scale"])
+        T = invert(read_pose(camera, "cam_R_w2c", "cam_t_w2c")) if "cam_R_w2c" in camera else np.eye(4)
+        path, field = folder / GROUND_TRUTH, key
+        poses = np.array([read_pose(entry, "cam_R_m2c", "cam_t_m2c") for _, entry in mine])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, field, f"{type(error).__name__}: {error}", "an entry as the BOP format has it") from None
+    if not (np.isfinite(K).all() and min(K[0, 0], K[1, 1], scale) > 0 and np.isfinite(poses).all()):
+        raise InputError(path, field, "not finite, or not above 0", "a calibrated camera and finite poses")
+    return BopImage(
+        folder=folder,
+        scene=int(folder.name),
+        image=int(key),
+        obj=obj,
+        focal=(float(K[0, 0]), float(K[1, 1])),
+        centre=(float(K[0, 2]), float(K[1, 2])),
+        depth_scale=scale,
+        T_world_camera=T,
+        bin=bin if "cam_R_w2c" in camera else None,
+        Ts_camera_part=poses @ T_model_part,
+        indices=tuple(i for i, _ in mine),
+        T_model_part=T_model_part,
+    )
+
+
+def _split(folder: Path, split: str | None) -> Path:
+    there = sorted(p.parent.parent.name for p in folder.glob(f"*/*/{GROUND_TRUTH}"))
+    names = sorted(set(there))
+    if split is None and len(names) == 1:
+        split = names[0]
+    if split not in names:
+        raise InputError("command line", "--split", split, f"one of: {', '.join(names) or f'no split in {folder}'}")
+    return folder / split
+
+
+def _model(folder: Path, obj: int | None, workpiece: Workpiece) -> tuple[int, Array]:
+    """ID of the object, and T_model_part: both frames are parallel, the workpiece's origin is the centre of its box."""
+    infos = read_json(folder / "models" / MODELS_INFO, "the models of a BOP dataset")
+    known = sorted(int(key) for key in infos)
+    if obj is None and len(known) == 1:
+        obj = known[0]
+    if obj not in known:
+        raise InputError("command line", "--obj", obj, f"one of: {', '.join(map(str, known))}")
+    path = folder / "models" / f"obj_{obj:06d}.ply"
+    if path.is_file():
+        try:
+            low, high = trimesh.load(path, force="mesh").bounds / MM
+        except Exception as error:  # noqa: BLE001  trimesh's readers raise whatever their parsers raise
+            raise InputError(path, "", str(error), "a readable PLY file") from None
+    else:
+        info = infos[str(obj)]
+        low = np.array([info[f"min_{axis}"] for axis in "xyz"]) / MM
+        high = low + np.array([info[f"size_{axis}"] for axis in "xyz"]) / MM
+    if np.abs(high - low - workpiece.extents).max() > SAME_SIZE * workpiece.extents.max():
+        size, own = (" x ".join(f"{MM * e:.4g}" for e in x) for x in (high - low, workpiece.extents))
+        raise InputError(path, "size", f"{size} mm", f"the model of {workpiece.name}, {own} mm, with the same axes")
+    return obj, make_transform(t=(low + high) / 2)
+
+
+def _bin(folder: Path) -> Bin | None:
+    """The bin that our own exports name in dataset_info.json; others have none."""
+    path = folder / DATASET_INFO
+    entry = read_json(path, "JSON").get("bin") if path.is_file() else None
+    if entry is None:
+        return None
+    try:
+        x, y, z = (float(e) / MM for e in entry["inner"])
+        T = read_pose(entry, "R_bin2w", "t_bin2w")
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, "bin", str(error), "inner, R_bin2w and t_bin2w in mm") from None
+    if abs(T[2, 2] - 1) > 1e-9:
+        raise InputError(path, "bin.R_bin2w", entry["R_bin2w"], "a bin whose floor is level in the world")
+    return Bin("bin", (x, y, z), 0.0, (T[0, 3], T[1, 3], T[2, 3]), float(np.arctan2(T[1, 0], T[0, 0])))

@@ -1,0 +1,77 @@
+"""From estimated poses to ranked candidates: grasp points on every estimate, with room and with a way for the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.camera import DepthFrame
+from cell.frames import Array, apply
+from grasping.candidates import Selection, select
+from grasping.grasp_points import GraspPoses
+from scenarios.memory import Memory, waits_at
+from scenarios.motion_rank import with_motion
+from scenarios.scan import scene_points, true_points
+from scenarios.workcell import Workcell
+
+KNOWN_SCORE, KNOWN_SAMPLES = 0.7, 800
+"""Estimates from this score on count as bodies for the gripper, by as many points of their surface."""
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What perception hands to grasping, best first.
+
+    Attributes:
+        Ts_world_part: (k, 4, 4).
+        scores: (k,) in [0, 1].
+        residuals: (k,) root mean square distance of the measured surface to the CAD in [m].
+    """
+
+    Ts_world_part: Array
+    scores: Array
+    residuals: Array
+
+
+def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:
+    """Estimates times grasp points, checked for room and ranked; those without a place only where nothing else is free.
+
+    The latter are refused when a plan is asked for, which tells that a regrasp would be needed.
+    """
+    can = memory.placeable(cell.grasps)
+    selection = _choose(cell, frame, estimates, memory, attempt, cell.grasps.placeable(can))
+    if not selection.candidates and not can.all():
+        selection = _choose(cell, frame, estimates, memory, attempt, cell.grasps)
+    return selection
+
+
+def _choose(
+    cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int, grasps: GraspPoses
+) -> Selection:
+    span = cell.scenario.stop.attempts_to_avoid
+    selection = select(
+        estimates.Ts_world_part,
+        estimates.scores,
+        memory.avoided(estimates.Ts_world_part, attempt, span),
+        grasps,
+        cell.workpiece,
+        cell.gripper,
+        cell.source,
+        true_points(cell) if "grasp" in cell.oracle else heap_points(cell, frame, estimates),
+        cell.scenario.grasping,
+        estimates.residuals,
+    )
+    start = cell.robot.home if "motion" in cell.oracle else waits_at(cell, memory)  # joints of the arm, not a gantry's
+    return with_motion(selection, cell.robot, start, cell.gripper.T_flange_tool, cell.scenario.grasping)
+
+
+def heap_points(cell: Workcell, frame: DepthFrame, estimates: Estimates) -> Array:
+    """Points (n, 3) in the world that the gripper keeps off: measured ones, and on the hidden sides of workpieces.
+
+    A workpiece whose pose is believed is known all round; a finger that leans would else land on what it hides.
+    """
+    known = estimates.Ts_world_part[estimates.scores >= KNOWN_SCORE]
+    surface = cell.workpiece.sample_surface(KNOWN_SAMPLES, seed=8)[0]
+    hidden = apply(known, surface).reshape(-1, 3)
+    return np.concatenate([scene_points(cell, frame), hidden])

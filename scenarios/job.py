@@ -1,0 +1,35 @@
+"""The job of a worker: one episode, with everything on which its records depend and what is kept beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from scenarios.records import AttemptRecord, EpisodeRecord
+from scenarios.scenario import Scenario
+
+if TYPE_CHECKING:  # at run time it would load the work cell, which a driver does not need
+    from scenarios.tape import Keep
+
+
+@dataclass(frozen=True)
+class Job:
+    """One episode to be run.
+
+    Attributes:
+        seed: of the bin's filling and of all noise.
+        oracle: stages replaced by ground truth.
+        pictures: whether attempts carry their pictures.
+        keep: which attempts are kept to look at again, and where; None for none.
+    """
+
+    scenario: Scenario
+    seed: int
+    oracle: frozenset[str] = frozenset()
+    pictures: bool = False
+    keep: Keep | None = None
+
+
+Runner = Callable[[Job, Callable[[AttemptRecord], None]], EpisodeRecord]
+"""(job, on_attempt) -> how the episode ended; importable by name in a fresh process."""

@@ -1,0 +1,96 @@
+"""Who plans the motion of a candidate: the arm, or the gantry of the motion oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cell.bin import Box
+from cell.camera import DepthFrame
+from cell.frames import apply, invert
+from cell.tool import in_frame
+from grasping.candidates import GraspCandidate
+from robots.collision import CollisionScene, HeightField
+from robots.dynamics import Load
+from robots.failure import PlanFailure
+from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
+from scenarios.free_motion import free_plan
+from scenarios.memory import Memory, waits_at
+from scenarios.scan import Scan, scene_points
+from scenarios.workcell import Workcell
+
+CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
+
+
+class ArmPlanner:
+    """Plans of the arm for one candidate after the other; collision scenes are built once for each opening."""
+
+    def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory, seed: int) -> None:
+        self._cell, self._memory, self._seed = cell, memory, seed
+        self._scan = Scan.of(cell, frame)
+        self._placed = memory.placed.heights(), memory.placed.heights(last=False)
+        self._scenes: dict[float, CollisionScene] = {}
+        self._piles: dict[int, HeightField] = {}
+        self.planned = 0
+
+    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        cell, opening = self._cell, candidate.opening
+        scene = self._scenes.get(opening)
+        if scene is None:
+            waits = None if self._memory.waits_at is None else cell.gripper.flange_boxes(self._memory.opened)
+            boxes = cell.gripper.flange_boxes(opening)
+            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed)
+            self._scenes[opening] = scene
+        stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
+        if stop is not None:
+            return stop
+        self.planned += 1
+        request = request_of(cell, candidate, self._memory, self._seed)
+        return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate)))
+
+    def _pile_without(self, candidate: GraspCandidate) -> HeightField:
+        k = candidate.estimate
+        if k not in self._piles:
+            T_world_part = candidate.T_world_tool @ invert(candidate.T_part_tool)
+            self._piles[k] = self._scan.without(T_world_part, self._cell.workpiece)
+        return self._piles[k]
+
+
+class FreePlanner:
+    """Plans of the motion oracle."""
+
+    def __init__(self, cell: Workcell, frame: DepthFrame, memory: Memory) -> None:
+        self._cell, self._memory = cell, memory
+        self._points = scene_points(cell, frame)
+        self._acceleration = CARRY_ACCELERATION * cell.scenario.carry.speed_scale
+        self.planned = 0
+
+    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        self.planned += 1
+        return free_plan(self._cell, self._points, candidate, self._memory, self._acceleration)
+
+
+def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: int) -> PickRequest:
+    """What the planner is asked for one candidate."""
+    T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
+    boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
+    places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
+    return PickRequest(
+        q_start=waits_at(cell, memory),
+        q_end=None,
+        T_base_tool_grasp=candidate.T_world_tool,
+        Ts_base_tool_place=places,
+        T_flange_tool=T_flange_tool,
+        held_tool=tuple(in_frame(boxes, T_tool_part)),
+        approach=candidate.point.approach_distance,
+        retract=candidate.point.retract_distance,
+        place_height=memory.place.line,
+        carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
+        seed=seed,
+        dt=cell.world.dt,
+        depart=0.0 if memory.waits_at is None else memory.place.line,
+        straight=cell.scenario.carry.straight,
+        straight_place=cell.scenario.straight_place,
+        place_rank=memory.place.ranks(),
+        tool_load=Load(cell.gripper.mass, cell.gripper.centre),
+        part_load=Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0]),
+    )

@@ -1,0 +1,165 @@
+"""`pickproof onboard` from a plain STL to a folder that the other commands take."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from cell.errors import InputError
+from cell.gripper import load_gripper
+from cell.mesh_check import Checked
+from cell.processes import FOLDERS
+from cell.resting import resting_poses
+from cell.symmetry import Symmetry
+from cell.workpiece import load_workpiece
+from grasping.grasp_points import load_grasps
+from scenarios import onboard
+from scenarios.cli import main
+from scenarios.onboard_part import search_symmetry, understand, write_workpiece
+from scenarios.onboard_propose import propose_cell, propose_heap, rank_grippers
+from scenarios.scenario import Scenario, load_scenario
+from scenarios.workcell import check_inputs
+from tests.cell.part_shapes import extruded, mesh_of, polygon
+
+ORACLE = frozenset({"perception"})
+
+
+@pytest.fixture(scope="module")
+def onboarded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
+    """The folder of workpieces with a bar of 50 x 24 x 14 mm as `bar`, and the exit code."""
+    root = tmp_path_factory.mktemp("parts")
+    trimesh.creation.box((50, 24, 14)).apply_translation((100, 7, -3)).export(root / "bar.stl")
+    words = ["onboard", str(root / "bar.stl"), "--unit", "mm", "--name", "bar", "--yes", "--workpieces", str(root)]
+    return root, main(words)
+
+
+def test_it_writes_all_that_the_other_commands_need(onboarded, monkeypatch) -> None:
+    root, code = onboarded
+    assert code == 0
+    assert {p.name for p in (root / "bar").iterdir()} >= {
+        "workpiece.yaml", "bar.ply", "grasps.yaml", "scenario.yaml", "onboard.html", "onboard.json"
+    }  # fmt: skip
+    assert sorted(p.name for p in root.iterdir()) == ["bar", "bar.stl"]  # no draft is left behind
+    monkeypatch.setenv(FOLDERS, str(root))
+    workpiece, scenario = load_workpiece("bar"), load_scenario("bar")
+    assert workpiece.symmetry.degrees == (180, 180, 180)
+    assert workpiece.mass == pytest.approx(7850 * 0.05 * 0.024 * 0.014, rel=1e-4)
+    assert workpiece.extents == pytest.approx([0.05, 0.024, 0.014], abs=1e-7)
+    check_inputs(scenario, ORACLE)
+    points = load_grasps(workpiece, load_gripper(scenario.gripper)).points
+    assert points and all(point.robustness > 0.5 for point in points)
+
+
+def test_the_page_stands_alone(onboarded) -> None:
+    text = (onboarded[0] / "bar" / "onboard.html").read_text()
+    assert text.count("data:image/png;base64,") == 4 and not re.search(r"(src|href)=\"(?!data:)", text)
+    assert "180 deg about x" in text and "workpiece: bar" in text
+    told = json.loads((onboarded[0] / "bar" / "onboard.json").read_text())
+    T = np.array(told["T_part_cad"])
+    assert pytest.approx([0, 0, 0, 1], abs=1e-6) == T @ [0.1, 0.007, -0.003, 1]
+    assert sum(pose["probability"] for pose in told["resting"]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_name_that_is_taken_is_refused(onboarded, capsys) -> None:
+    root, _ = onboarded
+    words = ["onboard", str(root / "bar.stl"), "--unit", "mm", "--name", "bar", "--yes", "--workpieces", str(root)]
+    assert main(words) == 2
+    assert "--replace" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["--unit", "m", "--name", "bar2", "--yes"], ["50 m long", "--unit mm"]),
+        (["--unit", "mm", "--name", "a b", "--yes"], ["--name", "letters"]),
+        (["--unit", "mm", "--name", "bar2", "--symmetry", "0", "0", "400"], ["--symmetry", "400"]),
+        (["--unit", "mm", "--name", "bar2", "--symmetry", "0", "50", "70"], ["--symmetry", "finite rotation group"]),
+        (["--unit", "furlong", "--name", "bar2"], ["--unit", "furlong"]),
+    ],
+)
+def test_bad_arguments_are_one_line(onboarded, words, names, capsys) -> None:
+    root, _ = onboarded
+    assert main(["onboard", str(root / "bar.stl"), *words, "--workpieces", str(root)]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and all(name in err for name in names)
+    assert not (root / "bar2").exists()
+
+
+@pytest.mark.parametrize(("answer", "degrees"), [("", (0, 0, 120)), ("0 0 0", (0, 0, 0)), ("y", (0, 0, 120))])
+def test_the_user_decides(answer, degrees, monkeypatch) -> None:
+    _, _, found = search_symmetry(checked_frustum())
+    monkeypatch.setattr("builtins.input", lambda prompt: answer)
+    args = onboard_args()
+    assert onboard._decided(args, found) == degrees
+
+
+def test_without_an_answer_it_asks_for_yes(monkeypatch) -> None:
+    def closed(prompt: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", closed)
+    with pytest.raises(InputError, match="--yes"):
+        onboard._decided(onboard_args(), search_symmetry(checked_frustum())[2])
+
+
+def onboard_args():
+    import argparse
+
+    parser = argparse.ArgumentParser()
+    onboard.add_arguments(parser)
+    return parser.parse_args(["x.stl", "--unit", "mm", "--name", "x"])
+
+
+def checked_frustum() -> Checked:
+    mesh = mesh_of(extruded(polygon(3, 30), 40, top=0.6))
+    return Checked(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+
+def test_an_axis_of_odd_order_goes_through_the_origin(tmp_path, monkeypatch) -> None:
+    """The centre of a triangle's bounding box is not on its axis; the loader takes the axis."""
+    checked = checked_frustum()
+    mesh, heap, found = search_symmetry(checked)
+    part = understand("wedge", "pom", checked, mesh, heap, found, found.degrees)
+    write_workpiece(part, tmp_path / "wedge")
+    monkeypatch.setenv(FOLDERS, str(tmp_path))
+    workpiece = load_workpiece("wedge")
+    assert workpiece.symmetry.degrees == (0, 0, 120)
+    assert workpiece.com[:2] == pytest.approx([0, 0], abs=1e-6)
+    low, high = workpiece.vertices.min(axis=0), workpiece.vertices.max(axis=0)
+    assert abs(low[2] + high[2]) < 1e-6 and np.abs(low[:2] + high[:2]).max() > 0.01
+    # the upper and the lower face, and three sides that count as one
+    poses = resting_poses(workpiece.mesh, workpiece.symmetry)
+    assert 2 <= len(poses) <= 3 and sum(p.probability for p in poses) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_rolling_cylinder_rests_in_two_ways() -> None:
+    bar = trimesh.creation.cylinder(0.01, 0.05, sections=64)
+    poses = resting_poses(bar, Symmetry((180, 180, 5)))
+    assert len(poses) == 2
+    lying = poses[0].T_plane_part
+    assert abs(lying[2, 2]) < 1e-6 and poses[0].probability > 0.6
+
+
+@pytest.mark.parametrize("name", ["bracket", "candlestick", "gear_shaft", "ps6d_24", "tless_20", "bunny"])
+def test_a_cell_is_proposed_for_shipped_parts(name) -> None:
+    """For each a gripper that may hold it, and a scenario that its own checks accept, near the shipped one."""
+    workpiece = load_workpiece(name)
+    heap = propose_heap(workpiece.extents)
+    shipped = np.array(workpiece.heap.bin_inner)
+    assert np.abs(np.log(np.array(heap.bin_inner) / shipped)).max() < np.log(1.45)
+    assert heap.camera_distance == pytest.approx(workpiece.heap.camera_distance, rel=0.12)
+    choice = next(c for c in rank_grippers(workpiece, heap.bin_inner[2]) if c.fits)
+    fields, reasons = propose_cell(workpiece, choice.gripper, heap)
+    scenario = Scenario.model_validate({"name": name, "workpiece": name, **fields})
+    from robots.model import load_robot
+    from scenarios.placing import check_room
+    from scenarios.workcell import check_payload
+
+    check_room(scenario, workpiece)
+    check_payload(scenario, load_robot(scenario.robot), choice.gripper, workpiece)
+    assert all(reasons.values())

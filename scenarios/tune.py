@@ -24,9 +24,10 @@ from scenarios.files import free_folder, write_json, write_whole
 from scenarios.parallel import mapping
 from scenarios.robustness import named, read_errors
 from scenarios.scenario import Scenario, load_scenario, scenario_json, scenario_path
-from scenarios.tune_files import SCENARIO, TABLE, accept, changed_scenario, changed_table, read_proposal
+from scenarios.tune_files import SCENARIO, TABLE, accept, changed_scenario, changed_table, check_editable, read_proposal
+from scenarios.tune_plan import HOLDOUT, Plan
 from scenarios.tune_report import REPORT, document, print_grasps, write_tune_report
-from scenarios.tune_run import HOLDOUT, Plan, run_plan
+from scenarios.tune_run import run_plan
 from scenarios.tune_search import JOURNAL, open_journal
 from scenarios.tune_space import Reach, parse_field
 
@@ -146,6 +147,8 @@ def plan_of(args: argparse.Namespace) -> Plan:
     table = Path(scenario.grasps) if scenario.grasps else workpiece.folder / "grasps.yaml"
     usable = {p.name for p in load_grasps(workpiece, gripper, table).points if p.gripper == gripper.name and p.enabled}
     points = read_table(table).grasps
+    for file in (table, scenario_path(args.scenario)):
+        check_editable(file)
     names = [] if args.grasps == "none" else named([p for p in points if p.name in usable], args.grasps, table)
     if not names and not fields:
         raise InputError("command line", "--grasps", args.grasps, "grasp points, or --set FIELD=LOW:HIGH to search")

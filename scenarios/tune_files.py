@@ -3,52 +3,63 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from io import StringIO
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
-
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedSeq
+from typing import Any, TypeVar
 
 from cell.errors import InputError
 from grasping.grasp_points import GraspPoint
 from scenarios.files import write_whole
-from scenarios.tune_search import Values
+from scenarios.grasp_yaml import set_fields
+from scenarios.yaml_edit import EditError, check_text, edit_text, styled
 
+T = TypeVar("T")
 TABLE, SCENARIO = "grasps.yaml", "scenario.yaml"
 
 
 def changed_table(source: Path, before: Sequence[GraspPoint], after: Sequence[GraspPoint]) -> str:
-    """The text of the table at `source` with the fields of grasp points that differ."""
-    yaml, data = _read(source)
-    entries = {entry["name"]: entry for entry in data["grasps"]}
-    for old, new in zip(before, after, strict=True):
-        for name, value in new.model_dump(mode="json").items():
-            if value == old.model_dump(mode="json")[name]:
-                continue
-            if value is None:
-                entries[new.name].pop(name, None)
-            else:
-                _put(entries[new.name], name, value)
-    return _text(yaml, data)
+    """The text of the table at `source`, which holds `before`, with the fields of grasp points that differ.
+
+    Raises:
+        InputError: the file cannot be changed without losing something of it.
+    """
+    text = source.read_text(encoding="utf-8")
+    for index, (old, new) in enumerate(zip(before, after, strict=True)):
+        was, now = old.model_dump(mode="json"), new.model_dump(mode="json")
+        if changes := {name: value for name, value in now.items() if value != was[name]}:
+            text = _edited(source, partial(set_fields, text, index, changes))
+    return text
 
 
 def changed_scenario(source: Path, fields: dict[str, Any], grasps: str | None) -> str:
-    """The text of the scenario at `source` with dotted fields replaced, and naming another table where given."""
-    yaml, data = _read(source)
-    for dotted, value in fields.items():
-        *path, last = dotted.split(".")
-        inner = data
-        for key in path:
-            inner = inner[int(key)] if isinstance(inner, list) else inner.setdefault(key, {})
-        _put(inner, int(last) if isinstance(inner, list) else last, value)
-    if grasps is not None:
-        _put(data, "grasps", grasps)
-    return _text(yaml, data)
+    """The text of the scenario at `source` with dotted fields replaced, and naming another table where given.
+
+    Raises:
+        InputError: as `changed_table`.
+    """
+    changes = fields if grasps is None else fields | {"grasps": grasps}
+
+    def change(document: Any) -> None:
+        for dotted, value in changes.items():
+            *path, last = dotted.split(".")
+            inner = document
+            for key in path:
+                inner = inner[int(key)] if isinstance(inner, list) else inner.setdefault(key, {})
+            if isinstance(inner, list):
+                inner[int(last)] = value
+            else:
+                inner[last] = styled(value, inner.get(last))
+
+    return _edited(source, partial(edit_text, source.read_text(encoding="utf-8"), change))
 
 
-def accept(folder: Path, table: Path, scenario: Path, fields: Values) -> list[Path]:
+def check_editable(source: Path) -> None:
+    """Raise InputError where the YAML file at `source` cannot be changed by a machine."""
+    _edited(source, partial(check_text, source.read_text(encoding="utf-8")))
+
+
+def accept(folder: Path, table: Path, scenario: Path, fields: dict[str, Any]) -> list[Path]:
     """Write what `folder` proposes over the table and the scenario; those that it changes.
 
     Raises:
@@ -59,7 +70,7 @@ def accept(folder: Path, table: Path, scenario: Path, fields: Values) -> list[Pa
         raise InputError(folder, TABLE, "missing file", "a folder in which `pickproof tune` has ended")
     written = []
     text = proposed.read_text(encoding="utf-8")
-    if text != _text(*_read(table)):
+    if text != table.read_text(encoding="utf-8"):
         written.append(write_whole(table, text))
     if fields:
         written.append(write_whole(scenario, changed_scenario(scenario, fields, None)))
@@ -81,31 +92,8 @@ def read_proposal(path: Path) -> dict[str, Any]:
     return data
 
 
-def _read(path: Path) -> tuple[YAML, Any]:
-    """The document, and what writes it as it was written: lists of entries indented or not."""
-    text = path.read_text(encoding="utf-8")
-    yaml = YAML()
-    yaml.preserve_quotes = True
-    yaml.width = 120
-    if "\n- " not in text:
-        yaml.indent(mapping=2, sequence=4, offset=2)
-    return yaml, yaml.load(text)
-
-
-def _text(yaml: YAML, data: Any) -> str:
-    stream = StringIO()
-    yaml.dump(data, stream)
-    return stream.getvalue()
-
-
-def _put(data: Any, key: Any, value: Any) -> None:
-    """Set an entry; a list that was there keeps its style and its comments."""
-    before = data[key] if isinstance(data, list) or key in data else None
-    if isinstance(value, list):
-        if isinstance(before, list) and len(before) == len(value):
-            for i, x in enumerate(value):
-                before[i] = x
-            return
-        value = CommentedSeq(value)
-        value.fa.set_flow_style()
-    data[key] = value
+def _edited(source: Path, edit: Callable[[], T]) -> T:
+    try:
+        return edit()
+    except EditError as error:
+        raise InputError(source, "", str(error), "YAML that a round trip through ruamel.yaml keeps") from None

@@ -19,7 +19,9 @@ from scenarios.compare import span, verdict_line
 from scenarios.files import write_whole
 from scenarios.report_figures import BAD, BLUE, GOOD, IDLE, LAYOUT, as_json, library
 from scenarios.summary import percent
-from scenarios.tune_run import CELL, Plan, Result
+from scenarios.tune_cell import CELL
+from scenarios.tune_plan import Plan
+from scenarios.tune_run import Result
 from scenarios.tune_search import Trial
 
 REPORT = "tune.html"

@@ -21,7 +21,7 @@ from grasping.grasp_points import GraspPoint, read_table
 from scenarios.cli import main as pickproof
 from scenarios.grasps import table_text
 from scenarios.scenario import load_scenario
-from scenarios.tune_run import HOLDOUT
+from scenarios.tune_plan import HOLDOUT
 
 SHIFT, LOOSE = 0.006, 0.001  # [m]
 

@@ -14,13 +14,14 @@ import pytest
 
 from cell.gripper import load_gripper
 from grasping.grasp_points import GraspPoint, opening, read_table
-from scenarios import tune_run
+from scenarios import tune_bins
 from scenarios.cli import main
 from scenarios.parallel import mapping
 from scenarios.scenario import SHIPPED, Scenario, load_scenario
 from scenarios.store import FILE
 from scenarios.tune_files import changed_scenario, changed_table
-from scenarios.tune_run import Plan, Result, run_plan
+from scenarios.tune_plan import Plan
+from scenarios.tune_run import Result, run_plan
 from scenarios.tune_search import open_journal
 from scenarios.tune_space import SHIFTS, TURNS, Reach, candidate, cell_parameters, grasp_parameters, moved, parse_field
 from scenarios.tune_trial import GraspTask, draw_errors, try_point
@@ -129,7 +130,7 @@ def campaigns_here(monkeypatch: pytest.MonkeyPatch) -> None:
         (out / FILE).unlink(missing_ok=True)
         planted_episode.write_campaign(out, scenario, range(seed, seed + episodes))
 
-    monkeypatch.setattr(tune_run, "run_campaign", here)
+    monkeypatch.setattr(tune_bins, "run_campaign", here)
 
 
 def tuned(out: Path, workers: int) -> Result:

@@ -64,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     editing.set_defaults(run=_edit)
     mapped = commands.add_parser("robustness", help="errors of the pose that each grasp bears, against perception's")
     mapped.add_argument("workpiece", metavar="WORKPIECE")
+    mapped.add_argument("--gripper", metavar="G", help="default: that of the table")
     mapped.add_argument("--grasps", default="all", metavar="NAMES", help="all, or names with commas (default all)")
     mapped.add_argument("--table", type=Path, metavar="FILE", help="grasp points; default: the workpiece's grasps.yaml")
     mapped.add_argument(
@@ -72,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     mapped.add_argument("--workers", type=integer(1, 256), default=1, metavar="K", help="processes (default 1)")
     mapped.add_argument("--out", type=Path, metavar="DIR", help="default: out/robustness-WORKPIECE")
     mapped.set_defaults(run=_robustness)
-    for command in (importing, exporting, checking, sampling, mapped):
+    for command in (importing, exporting, checking, sampling):
         command.add_argument("--gripper", default=GRIPPER, metavar="G", help=f"default {GRIPPER}")
     for command in (importing, exporting):
         command.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
@@ -176,8 +177,9 @@ def _robustness(args: argparse.Namespace) -> int:
     from scenarios.robustness import Task, document, named, read_errors, try_robustness, verdict
     from scenarios.robustness_view import plot_robustness, robustness_table
 
-    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    workpiece = load_workpiece(args.workpiece)
     table = args.table or workpiece.folder / "grasps.yaml"
+    gripper = load_gripper(args.gripper or _gripper_of(table))
     enabled = [p for p in load_grasps(workpiece, gripper, table).points if p.gripper == gripper.name]
     points = named(enabled, args.grasps, table)
     measured = Path("out") / "evaluate" / workpiece.name / "evaluation.json"

@@ -139,7 +139,7 @@ def tuned(out: Path, workers: int) -> Result:
     names = ("plate_from_top", "edge_of_plate")
     plan = Plan(
         scenario, TABLE, tuple(POINTS.values()), names, (field,) if field else (), frozenset({"perception"}), out,
-        Reach(), generations=2, rounds=3, episodes=8, block=2, holdout=8, workers=workers,
+        Reach(), generations=2, rounds=2, episodes=4, block=2, holdout=4, workers=workers,
     )  # fmt: skip
     with mapping(workers) as run:
         return run_plan(plan, open_journal(out), run, planted_episode.run_episode, trial=planted_tune.trial)

@@ -2,30 +2,46 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from rich.console import Console
 from rich.table import Table
 
+from cell.frames import rotation_angle
+from cell.gripper import load_gripper
 from cell.page import page_template
-from grasping.grasp_points import GraspPoint
+from cell.workpiece import load_workpiece
+from grasping.grasp_points import GraspPoint, opening
 from scenarios.compare import points as in_points
 from scenarios.compare import span, verdict_line
 from scenarios.files import write_whole
-from scenarios.report_figures import BAD, BLUE, GOOD, IDLE, LAYOUT, as_json, library
+from scenarios.onboard_pictures import moved_picture
+from scenarios.report_figures import as_json, library
 from scenarios.summary import percent
 from scenarios.tune_cell import CELL
+from scenarios.tune_figures import best_so_far, cells, importance_of_cells, importance_of_grasps
 from scenarios.tune_plan import Plan
 from scenarios.tune_run import Result
-from scenarios.tune_search import Trial
+from scenarios.tune_space import grip_axes
 
 REPORT = "tune.html"
-SHOWN = 12  # parameters of a search in the figure of importance
+
+
+@dataclass(frozen=True)
+class Move:
+    """What the proposal changes of one grasp point, in words and a picture; empty where it stays."""
+
+    centre: str
+    turned: str
+    depth: str
+    jaws: str
+    priority: str
+    picture: str
 
 
 def document(result: Result) -> dict[str, Any]:
@@ -51,15 +67,29 @@ def print_grasps(console: Console, result: Result) -> None:
     console.print(table)
 
 
-def changes(before: Sequence[GraspPoint], after: Sequence[GraspPoint]) -> dict[str, list[tuple[str, str, str]]]:
-    """Name of a grasp point -> (field, before, after) of what differs."""
-    found: dict[str, list[tuple[str, str, str]]] = {}
-    for old, new in zip(before, after, strict=True):
-        a, b = old.model_dump(mode="json"), new.model_dump(mode="json")
-        rows = [(name, str(a[name]), str(b[name])) for name in a if a[name] != b[name]]
-        if rows:
-            found[old.name] = rows
-    return found
+def move(plan: Plan, old: GraspPoint, new: GraspPoint) -> Move:
+    """What differs between a grasp point as it was and as proposed; the picture is a PNG in base64."""
+    shift = 1000 * (np.asarray(new.centre) - old.centre)
+    turn = np.degrees(float(rotation_angle(grip_axes(old).T @ grip_axes(new))))
+    deeper = 1000 * (new.depths[0] - old.depths[0])
+    narrow, wide = (1000 * opening(p) for p in (old, new))
+    moved = bool(np.abs(shift).max() > 0.005 or turn > 0.05 or abs(deeper) > 0.005 or abs(wide - narrow) > 0.005)
+    picture = b""
+    if moved:
+        mesh, gripper = load_workpiece(plan.scenario.workpiece).mesh, load_gripper(plan.scenario.gripper)
+        picture = moved_picture(mesh, old, new, gripper)
+    return Move(
+        centre=", ".join(f"{v:+.1f}" for v in shift) if np.abs(shift).max() > 0.005 else "",
+        turned=f"{turn:.1f}" if turn > 0.05 else "",
+        depth=f"{deeper:+.1f}" if abs(deeper) > 0.005 else "",
+        jaws=_from_to(narrow, wide, 1),
+        priority=_from_to(old.priority, new.priority, 2),
+        picture=b64encode(picture).decode(),
+    )
+
+
+def _from_to(before: float, after: float, digits: int) -> str:
+    return f"{before:.{digits}f} \u2192 {after:.{digits}f}" if abs(after - before) > 0.1**digits / 2 else ""
 
 
 def write_tune_report(plan: Plan, result: Result, path: Path) -> Path:
@@ -69,28 +99,41 @@ def write_tune_report(plan: Plan, result: Result, path: Path) -> Path:
         StoreError: it cannot be written.
     """
     figures = {}
-    grasps = {name: trials for name, trials in result.history.items() if name != CELL and trials}
+    grasps = {name: t for name, t in result.history.items() if name != CELL and t}
     if grasps:
-        figures["grasps"] = as_json(_best_so_far(grasps))
+        figures["grasps"] = as_json(best_so_far(grasps))
     if result.history.get(CELL):
-        figures["cells"] = as_json(_cells(result.history[CELL]))
+        figures["cells"] = as_json(cells(result.history[CELL]))
     known = {name: shares for name, shares in result.importances.items() if shares}
-    for i, (name, shares) in enumerate(known.items()):
-        figures[f"importance-{i}"] = as_json(_importance(shares, name))
+    if CELL in known:
+        figures["of-cells"] = as_json(importance_of_cells(known.pop(CELL)))
+    if known:
+        figures["of-grasps"] = as_json(importance_of_grasps(known))
     template = page_template("scenarios", "tune.html.j2", percent=percent)
+    old = {p.name: p for p in plan.points}
     page = template.render(
         plan=plan,
         result=result,
-        changes=changes(plan.points, result.points),
+        moves={p.name: move(plan, old[p.name], p) for p in result.points if p.name in plan.names},
+        factor=_approach_factor(plan.points, result.points),
         fields=[(name, _field(plan, name), value) for name, value in result.fields.items()],
         figures=figures,
-        importances=[f for f in figures if f.startswith("importance")],
         verdict=verdict_line(result.comparison) if result.comparison else "",
         rows=_rows(result),
         plotly=library() if figures else "",
-        trials=sum(len(t) for t in result.history.values()),
+        trials=sum(len(t) for name, t in result.history.items() if name != CELL),
+        candidates=len(result.history.get(CELL, [])),
     )
     return write_whole(path, page)
+
+
+def _approach_factor(before: Sequence[GraspPoint], after: Sequence[GraspPoint]) -> float:
+    """Of the approach distances, which change together."""
+    return max((b.approach_distance / a.approach_distance for a, b in zip(before, after, strict=True)), key=_off)
+
+
+def _off(factor: float) -> float:
+    return abs(factor - 1)
 
 
 def _field(plan: Plan, name: str) -> Any:
@@ -111,56 +154,3 @@ def _rows(result: Result) -> list[tuple[str, str, str, str, str]]:
         for name, d in named
         if d is not None
     ]
-
-
-def _best_so_far(grasps: dict[str, list[Trial]]) -> go.Figure:
-    figure = go.Figure()
-    for name, trials in grasps.items():
-        best = np.maximum.accumulate([t.value for t in trials])
-        figure.add_scatter(
-            x=list(range(1, len(trials) + 1)),
-            y=best.tolist(),
-            mode="lines",
-            line_shape="hv",
-            name=name,
-            customdata=[t.value for t in trials],
-            hovertemplate=name + ": best %{y:.2f}, this one %{customdata:.2f}<extra></extra>",
-        )
-    figure.update_layout(**(LAYOUT | {"showlegend": True}), height=360)
-    figure.update_xaxes(title_text="trial of the grasp")
-    figure.update_yaxes(title_text="best value so far")
-    return figure
-
-
-def _cells(trials: Sequence[Trial]) -> go.Figure:
-    gains = [100 * t.detail["gain"] for t in trials]
-    low, high = ([abs(100 * t.detail["interval95"][k] - g) for t, g in zip(trials, gains, strict=True)] for k in (0, 1))
-    best = max(range(len(trials)), key=lambda i: (trials[i].value, -i))
-    figure = go.Figure(
-        go.Scatter(
-            x=list(range(1, len(trials) + 1)),
-            y=gains,
-            error_y={"type": "data", "array": high, "arrayminus": low, "symmetric": False, "color": "#9db4cc"},
-            mode="markers",
-            marker={
-                "size": [5 + 1.2 * t.detail["episodes"] ** 0.8 for t in trials],
-                "color": [GOOD if i == best else (BAD if t.detail["dropped"] else BLUE) for i, t in enumerate(trials)],
-            },
-            customdata=[[t.detail["episodes"], 100 * t.detail["rate"]] for t in trials],
-            hovertemplate="%{y:+.1f} points in %{customdata[0]} bins, %{customdata[1]:.1f} %<extra></extra>",
-        )
-    )
-    figure.add_hline(y=0, line_color=IDLE, line_width=1)
-    figure.update_layout(**LAYOUT, height=340)
-    figure.update_xaxes(title_text="candidate")
-    figure.update_yaxes(title_text="gain over the start in the same bins, points")
-    return figure
-
-
-def _importance(shares: dict[str, float], name: str) -> go.Figure:
-    top = sorted(shares.items(), key=lambda item: item[1])[-SHOWN:]
-    figure = go.Figure(go.Bar(x=[v for _, v in top], y=[k for k, _ in top], orientation="h", marker_color=BLUE))
-    figure.update_layout(**LAYOUT, height=90 + 22 * len(top), title={"text": name, "font": {"size": 13}})
-    figure.update_xaxes(range=[0, 1])
-    figure.update_yaxes(automargin=True)
-    return figure

@@ -59,7 +59,7 @@ def moved(point: GraspPoint, values: Values) -> GraspPoint:
         change["centre"] = _rounded(np.asarray(point.centre) + 1e-3 * shift, 5)
     turn = np.deg2rad([values[name] for name in TURNS])
     if turn.any():
-        R = _grip(point) @ Rotation.from_rotvec(turn).as_matrix()
+        R = grip_axes(point) @ Rotation.from_rotvec(turn).as_matrix()
         change |= {"approach": _rounded(R[:, 2], 6), "closing": _rounded(R[:, 0], 6)}
     if values["depth_mm"]:
         change["depths"] = tuple(round(d + 1e-3 * values["depth_mm"], 5) for d in point.depths)
@@ -75,7 +75,8 @@ def distance(parameters: Sequence[Parameter], values: Values) -> float:
     return float(np.sqrt(np.mean(np.square(parts))))
 
 
-def _grip(point: GraspPoint) -> Array:
+def grip_axes(point: GraspPoint) -> Array:
+    """R_part_tool (3, 3) of a grasp point: closing, across, approach."""
     z = np.asarray(point.approach) / np.linalg.norm(point.approach)
     x = np.asarray(point.closing) / np.linalg.norm(point.closing)
     return np.stack([x, np.cross(z, x), z], axis=1)

@@ -99,7 +99,7 @@ def grasps_picture(mesh: trimesh.Trimesh, points: Sequence[GraspPoint], gripper:
 
 
 def moved_picture(mesh: trimesh.Trimesh, before: GraspPoint, after: GraspPoint, gripper: Gripper) -> bytes:
-    """A grasp before (left) and after it was moved, seen from the same side, with the fingers as far open as they come."""
+    """A grasp before (left) and after it was moved, seen from the same side, the fingers as far open as they come."""
     fig = Figure(figsize=(4.0, 2.0))
     for panel, point in zip(fig.subplots(1, 2), (before, after), strict=True):
         _draw_grasp(panel, mesh, _tool_pose(before), _fingers(point, gripper, opening(point)))

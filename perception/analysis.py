@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cell.frames import Array
 from cell.symmetry import Symmetry
@@ -15,6 +16,7 @@ from cell.workpiece import Workpiece
 from perception.metrics import point_distances, rotation_error
 
 VISIBILITY_BINS = 10
+AXES = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 
 
 @dataclass(frozen=True)
@@ -100,3 +102,43 @@ def right_poses(Ts_pred: Array, Ts_true: Array, points: Array, workpiece: Workpi
         near = Ts_true[np.linalg.norm(Ts_true[:, :3, 3] - T[:3, 3], axis=1) < reach]
         right[i] = bool((distances(T[None], near, points, workpiece.symmetry) < workpiece.tolerance).any())
     return right
+
+
+def axis_errors(Ts_pred: Array, Ts_true: Array, matched: np.ndarray, workpiece: Workpiece) -> Array:
+    """Errors (k, 6) in [mm] and [deg] of the right poses, along and about the axes of the CAD at the centre of mass.
+
+    Of symmetric poses the nearest one counts; a turn about the axis of a body of revolution is no error.
+
+    Args:
+        Ts_pred: (p, 4, 4); Ts_true: (n, 4, 4), in the same frame.
+        matched: (p,) instance that each pose is right about, -1 for none.
+    """
+    symmetry, com = workpiece.symmetry, workpiece.com
+    errors = []
+    for T, j in zip(Ts_pred, matched, strict=True):
+        if j < 0:
+            continue
+        R = Ts_true[j, :3, :3].T @ T[:3, :3]
+        S = min(symmetry.S, key=lambda s: float(np.linalg.norm(_turn(s.T @ R, symmetry))))
+        shift = S.T @ Ts_true[j, :3, :3].T @ (T[:3, :3] @ com + T[:3, 3] - Ts_true[j, :3, 3]) - com
+        errors.append(np.concatenate([1000 * shift, np.rad2deg(_turn(S.T @ R, symmetry))]))
+    return np.array(errors).reshape(-1, len(AXES))
+
+
+def _turn(R: Array, symmetry: Symmetry) -> Array:
+    """Rotation vector (3,) in [rad], without what turns about an infinite axis."""
+    axis = symmetry.infinite_axis
+    if symmetry.is_sphere:
+        return np.zeros(3)
+    if axis is None:
+        return np.asarray(Rotation.from_matrix(R).as_rotvec())
+    way = np.cross(np.eye(3)[axis], R[:, axis])
+    size = float(np.linalg.norm(way))
+    return np.asarray(way * (np.arctan2(size, R[axis, axis]) / max(size, 1e-12)))
+
+
+def spread(errors: Array) -> dict[str, dict[str, float | None]]:
+    """Median and 95 % quantile of the size of errors (k, 6) along each of AXES; None of nothing."""
+    sizes = np.quantile(np.abs(errors), (0.5, 0.95), axis=0) if len(errors) else np.full((2, len(AXES)), np.nan)
+    known = [[None if np.isnan(v) else float(v) for v in row] for row in sizes.T]
+    return {name: {"median": row[0], "p95": row[1]} for name, row in zip(AXES, known, strict=True)}

@@ -18,7 +18,15 @@ from cell.errors import InputError
 from cell.frames import Array
 from cell.sensor import SensorConfig, list_presets
 from cell.workpiece import Workpiece, load_workpiece
-from perception.analysis import Instances, distances, instances_of, recall_by_visibility, right_poses
+from perception.analysis import (
+    Instances,
+    axis_errors,
+    distances,
+    instances_of,
+    recall_by_visibility,
+    right_poses,
+    spread,
+)
 from perception.bop_read import BopImage
 from perception.bop_results import write_results
 from perception.calibration import reliability
@@ -47,6 +55,7 @@ class Frame:
         instances: each true instance and the verified pose nearest to it.
         pictured: what the overlay draws.
         standing_right: (s,) bool, which of the poses without a better rival are right.
+        errors: (k, 6) of the right verified poses, `axis_errors`.
     """
 
     seed: int
@@ -56,6 +65,7 @@ class Frame:
     instances: Instances
     pictured: Pictured
     standing_right: np.ndarray
+    errors: Array
 
 
 def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: int) -> Iterator[Frame]:
@@ -74,7 +84,8 @@ def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: in
         examined = heap.result.examined
         standing = np.zeros((0, 4, 4)) if examined is None else examined.Ts_camera_part[examined.standing]
         right = right_poses(standing, truth, points, workpiece)
-        yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right)
+        by_axis = axis_errors(found, truth, refined.matched, workpiece)
+        yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right, by_axis)
 
 
 def _poses(estimates: list[PoseEstimate]) -> Array:
@@ -184,6 +195,7 @@ def main_evaluate(args: argparse.Namespace) -> int:
         "tolerance_mm": 1000 * workpiece.tolerance,
         "methods": report_of(frames),
         "recall_by_visibility": recall_by_visibility(instances),
+        "axis_errors": spread(np.concatenate([f.errors for f in frames])),
         "calibration": calibration_of(frames),
     }
     (out / "evaluation.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")

@@ -31,6 +31,7 @@ _OWN = {  # commands whose module (dashes are underscores) adds its arguments an
     "export": "the attempts of a campaign as a Parquet file",
     "attribute": "what perception, grasp choice and motion each cost, and what to mend first",
     "onboard": "a CAD file made a workpiece: mesh checked, symmetry, collision pieces, grasps, a cell for it, a page",
+    "tune": "move grasp points, weights and fields until more picks succeed, proved over unseen bins",
     "sweep": "run a scenario for every combination of values",
 }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
@@ -88,17 +88,26 @@ def _cell(row: dict[str, Any]) -> str:
     return str(row["verdict"])
 
 
-def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
-    """Share of pose errors under which the grasp holds, in the likeliest resting pose that leaves the gripper room.
+def lying(
+    point: GraspPoint, resting: Array, workpiece: Workpiece, gripper: Gripper
+) -> Iterator[tuple[int, GraspCandidate]]:
+    """Index of each resting pose (k, 4, 4) that leaves the gripper room for a grasp, and its best candidate there.
 
     A workpiece whose grasp looks sideways or up in all its resting poses is turned in thought: the limit on tilt is
     lifted, so that the grasp is tried before it is thrown away; in a heap workpieces lie in all ways.
     """
     for loose in (point, _leaning(point)):
-        for T_world_part in resting:
-            best = best_candidate(loose, T_world_part, cell.workpiece, cell.gripper)
-            if isinstance(best, GraspCandidate):
-                return robust_share(cell, T_world_part, best.T_world_tool, best.opening)
+        found = [(k, best_candidate(loose, T, workpiece, gripper)) for k, T in enumerate(resting)]
+        with_room = [(k, best) for k, best in found if isinstance(best, GraspCandidate)]
+        if with_room:
+            yield from with_room
+            return
+
+
+def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
+    """Share of pose errors under which the grasp holds, in the likeliest resting pose that leaves the gripper room."""
+    for k, best in lying(point, resting, cell.workpiece, cell.gripper):
+        return robust_share(cell, resting[k], best.T_world_tool, best.opening)
     return 0.0
 
 

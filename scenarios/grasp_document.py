@@ -24,7 +24,8 @@ from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint, GraspTable, check_openings, parse_table
 from scenarios.files import write_whole
-from scenarios.grasp_yaml import EditError, check_text, entry_text, rearrange, set_fields
+from scenarios.grasp_yaml import entry_text, rearrange, set_fields
+from scenarios.yaml_edit import EditError, check_text
 
 
 @dataclass(frozen=True)

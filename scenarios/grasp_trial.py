@@ -48,10 +48,18 @@ class TrialCell:
     def __init__(self, workpiece: Workpiece, gripper: Gripper) -> None:
         self.workpiece, self.gripper = workpiece, gripper
         self.world = World()
+        self._build()
+
+    def _build(self) -> None:
         self.world.add_box(table((8.0, 8.0, 0.1), (0.0, 0.0, 0.0)))
-        self.arm = gantry_arm(self.world, gripper)
+        self.arm = gantry_arm(self.world, self.gripper)
         self.arm.reset(np.array([0.0, 0.0, 3.0, 0.0, np.pi, 0.0]))
-        self.world.add_part(workpiece, make_transform(t=(0.0, 0.0, 1.0)))
+        self.world.add_part(self.workpiece, make_transform(t=(0.0, 0.0, 1.0)))
+
+    def rebuild(self) -> None:
+        """As new, so that what follows does not depend on the trials before: not even in the last bit."""
+        self.world.restart()
+        self._build()
 
     def close(self) -> None:
         self.world.close()
@@ -105,14 +113,18 @@ def pose_errors(shift: float = SHIFT, turn: float = TURN) -> Array:
     return np.stack(errors)
 
 
+def try_errors(
+    cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float, errors: Array
+) -> Iterator[Trial]:
+    """A grasp tried as if the workpiece's pose were estimated with each of the `errors` (n, 4, 4), in their order.
+
+    An error is T_part_estimate about the centre of mass: a shift along and a turn about the axes of the CAD there.
+    """
+    T_world_com = T_world_part @ make_transform(t=cell.workpiece.com)
+    for error in errors:
+        yield cell.try_grasp(T_world_part, T_world_com @ error @ invert(T_world_com) @ T_world_tool, opening)
+
+
 def robust_share(cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float) -> float:
     """Share of pose errors, about the centre of mass, under which a grasp still holds."""
-    T_world_com = T_world_part @ make_transform(t=cell.workpiece.com)
-    held = [cell.try_grasp(T_world_part, T, opening).held for T in _disturbed(T_world_com, T_world_tool)]
-    return float(np.mean(held))
-
-
-def _disturbed(T_world_com: Array, T_world_tool: Array) -> Iterator[Array]:
-    """Where the tool goes when the workpiece's pose is estimated with each of the errors."""
-    for error in pose_errors():
-        yield T_world_com @ error @ invert(T_world_com) @ T_world_tool
+    return float(np.mean([t.held for t in try_errors(cell, T_world_part, T_world_tool, opening, pose_errors())]))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from rich.console import Console
+from rich.progress import track
 
 from cell.config import read_yaml
 from cell.errors import InputError
@@ -61,6 +62,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     editing.add_argument("--token", metavar="T", help="of the page on another --host; default: drawn at random")
     editing.set_defaults(run=_edit)
+    mapped = commands.add_parser("robustness", help="errors of the pose that each grasp bears, against perception's")
+    mapped.add_argument("workpiece", metavar="WORKPIECE")
+    mapped.add_argument("--gripper", metavar="G", help="default: that of the table")
+    mapped.add_argument("--grasps", default="all", metavar="NAMES", help="all, or names with commas (default all)")
+    mapped.add_argument("--table", type=Path, metavar="FILE", help="grasp points; default: the workpiece's grasps.yaml")
+    mapped.add_argument(
+        "--errors", type=Path, metavar="FILE", help="evaluation.json; default: out/evaluate/WORKPIECE/, where it is"
+    )
+    mapped.add_argument("--workers", type=integer(1, 256), default=1, metavar="K", help="processes (default 1)")
+    mapped.add_argument("--out", type=Path, metavar="DIR", help="default: out/robustness-WORKPIECE")
+    mapped.set_defaults(run=_robustness)
     for command in (importing, exporting, checking, sampling):
         command.add_argument("--gripper", default=GRIPPER, metavar="G", help=f"default {GRIPPER}")
     for command in (importing, exporting):
@@ -157,6 +169,35 @@ def _sample(args: argparse.Namespace) -> int:
     how = f"{workpiece.name} --gripper {gripper.name} --count {args.count} --seed {args.seed} --least {args.least:g}"
     comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/grasping.md."
     return _write(table_text(points, gripper.name, comment), args.out)
+
+
+def _robustness(args: argparse.Namespace) -> int:
+    from scenarios.files import write_json
+    from scenarios.parallel import mapping
+    from scenarios.robustness import Task, document, named, read_errors, try_robustness, verdict
+    from scenarios.robustness_view import plot_robustness, robustness_table
+
+    workpiece = load_workpiece(args.workpiece)
+    table = args.table or workpiece.folder / "grasps.yaml"
+    gripper = load_gripper(args.gripper or _gripper_of(table))
+    enabled = [p for p in load_grasps(workpiece, gripper, table).points if p.gripper == gripper.name]
+    points = named(enabled, args.grasps, table)
+    measured = Path("out") / "evaluate" / workpiece.name / "evaluation.json"
+    source = args.errors or (measured if measured.is_file() else None)
+    errors = read_errors(source) if source else None
+    console, tasks = Console(), [Task(workpiece.name, gripper.name, p) for p in points]
+    with mapping(args.workers) as run:
+        grasps = list(track(run(try_robustness, tasks), "grasps", len(tasks), console=console))
+    out = args.out or Path("out") / f"robustness-{workpiece.name}"
+    write_json(out / "robustness.json", document(grasps, errors))
+    plot_robustness(grasps, errors, f"{workpiece.name} with {gripper.name}", out / "robustness.png")
+    console.print(robustness_table(grasps, errors))
+    for grasp in grasps:
+        console.print(f"{grasp.grasp}: {verdict(grasp, errors)}", soft_wrap=True, highlight=False)
+    if errors is None:
+        console.print(f"errors of perception are not known: pickproof evaluate {workpiece.name}", soft_wrap=True)
+    console.print(f"wrote robustness.json and robustness.png to {out}", soft_wrap=True)
+    return 0
 
 
 def table_text(points: list[GraspPoint], gripper: str, comment: str = "") -> str:

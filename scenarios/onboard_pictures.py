@@ -20,7 +20,7 @@ from cell.raycast import make_caster
 from cell.resting import Resting
 from cell.symmetry_search import FoundSymmetry
 from cell.tool import Gripper
-from grasping.grasp_points import GraspPoint
+from grasping.grasp_points import GraspPoint, opening
 
 STEEL, TOOL, FLOOR = (0.62, 0.67, 0.73), (0.93, 0.55, 0.20), (0.88, 0.87, 0.84)
 AXES = {"x": "#c0392b", "y": "#2e8b57", "z": "#2c5fb3"}
@@ -93,16 +93,31 @@ def grasps_picture(mesh: trimesh.Trimesh, points: Sequence[GraspPoint], gripper:
     fig = Figure(figsize=(3.2 * max(len(shown), 2), 3.4))
     panels = fig.subplots(1, len(shown), squeeze=False)
     for panel, point in zip(panels[0], shown, strict=True):
-        T_part_tool = _tool_pose(point)
-        boxes = [_moved(box, T_part_tool) for box in gripper.finger_boxes(point.width)]
-        bodies = [Body(np.asarray(b.vertices), np.asarray(b.faces), TOOL) for b in boxes]
-        part = Body(np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL)
-        eye = -T_part_tool[:3, 2] * 0.5 + T_part_tool[:3, 1] * 1.2 + T_part_tool[:3, 0] * 0.35
-        view = _View(tuple(eye), [part], bodies, up=-T_part_tool[:3, 2])
-        panel.imshow(view.shade(), extent=view.extent)
+        _draw_grasp(panel, mesh, _tool_pose(point), _fingers(point, gripper, point.width))
         panel.set_title(f"{point.name}: holds under {100 * point.robustness:.0f} % of errors", fontsize=9)
-        panel.set_axis_off()
     return _png(fig)
+
+
+def moved_picture(mesh: trimesh.Trimesh, before: GraspPoint, after: GraspPoint, gripper: Gripper) -> bytes:
+    """A grasp before (left) and after it was moved, seen from the same side, the fingers as far open as they come."""
+    fig = Figure(figsize=(4.0, 2.0))
+    for panel, point in zip(fig.subplots(1, 2), (before, after), strict=True):
+        _draw_grasp(panel, mesh, _tool_pose(before), _fingers(point, gripper, opening(point)))
+    return _png(fig)
+
+
+def _fingers(point: GraspPoint, gripper: Gripper, wide: float) -> list[Body]:
+    boxes = [_moved(box, _tool_pose(point)) for box in gripper.finger_boxes(wide)]
+    return [Body(np.asarray(b.vertices), np.asarray(b.faces), TOOL) for b in boxes]
+
+
+def _draw_grasp(panel: Axes, mesh: trimesh.Trimesh, T_part_tool: Array, fingers: Sequence[Body]) -> None:
+    """The part and fingers, seen along the pads with the approach downwards."""
+    part = Body(np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL)
+    eye = -T_part_tool[:3, 2] * 0.5 + T_part_tool[:3, 1] * 1.2 + T_part_tool[:3, 0] * 0.35
+    view = _View(tuple(eye), [part], fingers, up=-T_part_tool[:3, 2])
+    panel.imshow(view.shade(), extent=view.extent)
+    panel.set_axis_off()
 
 
 def _tool_pose(point: GraspPoint) -> Array:

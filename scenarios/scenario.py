@@ -202,7 +202,7 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
     Raises:
         InputError: no such scenario, a field that does not fit the schema, or an unknown workpiece.
     """
-    path = _find(name_or_path)
+    path = scenario_path(name_or_path)
     data = read_yaml(path)
     for override in overrides:
         _apply(data, override)
@@ -246,7 +246,12 @@ def weights_used(scenario: Scenario, oracle: Collection[str]) -> str:
     return "" if "perception" in oracle else weights_hash(scenario.workpiece)
 
 
-def _find(name_or_path: str) -> Path:
+def scenario_path(name_or_path: str) -> Path:
+    """The file of a scenario, by its name or its path; whether a path exists is not looked at.
+
+    Raises:
+        InputError: no scenario of that name.
+    """
     if name_or_path in list_scenarios():
         own = (root / name_or_path / OF_WORKPIECE for root in search_path())
         return next((path for path in own if path.is_file()), SHIPPED / f"{name_or_path}.yaml")

@@ -1,0 +1,101 @@
+"""The first stage of `pickproof tune`: each grasp by itself, and the table with those moved that gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from optuna.storages import JournalStorage
+
+from cell.frames import Array
+from cell.gripper import load_gripper
+from grasping.grasp_points import GraspPoint
+from scenarios.parallel import Map
+from scenarios.tune_plan import Plan, Tell
+from scenarios.tune_search import Search, Told, Values, run_searches
+from scenarios.tune_space import distance, grasp_parameters, moved
+from scenarios.tune_trial import GraspTask, draw_errors
+
+PER_GRASP = 6
+"""Trials in a generation of each grasp; fixed, so that the outcome is the same for any number of workers."""
+WORTH = 0.05
+"""Gain on the lone workpiece below which a grasp point stays as it is."""
+
+
+@dataclass(frozen=True)
+class GraspChange:
+    """One grasp before and after: value of the search, and share held under errors that the search had not seen."""
+
+    name: str
+    changed: bool
+    value: tuple[float, float]
+    share: tuple[float, float]
+    reason: tuple[str, str]
+
+
+def tune_grasps(
+    plan: Plan,
+    journal: JournalStorage,
+    run: Map,
+    tell: Tell,
+    trial: Callable[[GraspTask], Told],
+    go_on: Callable[[], bool],
+) -> dict[str, Search]:
+    """The first stage: each grasp by itself on a lone workpiece, under the same errors of the pose in every trial."""
+    gripper = load_gripper(plan.scenario.gripper)
+    points = {p.name: p for p in plan.points if p.name in plan.names}
+    searches = {
+        name: Search(journal, f"grasp {name}", grasp_parameters(point, gripper, plan.reach), plan.scenario.seed)
+        for name, point in points.items()
+    }
+    errors = draw_errors(np.random.default_rng((plan.scenario.seed, 0)), plan.p95)
+
+    def evaluate(asked: list[tuple[str, Values]]) -> list[Told]:
+        tasks = [
+            _task(plan, moved(points[name], values), errors, distance(searches[name].parameters, values))
+            for name, values in asked
+        ]
+        told = []
+        for result in run(trial, tasks):
+            told.append(result)
+            tell("trials of grasps, this generation", len(told), len(tasks))
+        return told
+
+    run_searches(searches, evaluate, PER_GRASP, plan.generations, go_on)
+    return searches
+
+
+def settle(
+    plan: Plan, searches: dict[str, Search], run: Map, trial: Callable[[GraspTask], Told]
+) -> tuple[list[GraspChange], list[GraspPoint]]:
+    """Before and after of every grasp under new errors, and the table with those moved that are worth it."""
+    errors = draw_errors(np.random.default_rng((plan.scenario.seed, 1)), plan.p95)
+    new = {}
+    for name, search in searches.items():
+        best, start = search.best, next((t for t in search.trials if t.number == 0), None)
+        if best is not None and start is not None and best.value >= start.value + WORTH:
+            new[name] = best
+    old = {p.name: p for p in plan.points if p.name in searches}
+    tasks = [_task(plan, point, errors) for point in old.values()]
+    tasks += [_task(plan, moved(old[name], best.values), errors) for name, best in new.items()]
+    told = list(run(trial, tasks))
+    was, now = dict(zip(old, told, strict=False)), dict(zip(new, told[len(old) :], strict=True))
+    changes = []
+    for name, search in searches.items():
+        value = next((t.value for t in search.trials if t.number == 0), float("nan"))
+        after = now.get(name, was[name])
+        changes.append(
+            GraspChange(
+                name,
+                name in new,
+                (value, new[name].value if name in new else value),
+                (was[name].detail["share"], after.detail["share"]),
+                (was[name].detail["reason"], after.detail["reason"]),
+            )
+        )
+    return changes, [moved(p, new[p.name].values) if p.name in new else p for p in plan.points]
+
+
+def _task(plan: Plan, point: GraspPoint, errors: Array, far: float = 0.0) -> GraspTask:
+    return GraspTask(plan.scenario.workpiece, plan.scenario.gripper, point, errors, far)

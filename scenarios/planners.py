@@ -44,8 +44,8 @@ class ArmPlanner:
         if scene is None:
             waits = None if self._memory.waits_at is None else cell.gripper.flange_boxes(self._memory.opened)
             boxes = cell.gripper.flange_boxes(opening)
-            walls = [box.name for box in cell.source.boxes() if "wall" in box.name]
-            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed, walls)
+            berth = ["pile", *(box.name for box in cell.source.boxes() if "wall" in box.name)]
+            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed, berth)
             self._scenes[opening] = scene
         stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
         if stop is not None:

@@ -83,8 +83,11 @@ def move(
             log += put_back(cell, candidate, plan)
         else:
             opened = release(world, arm, release_opening(cell, place, candidate.opening, arm.tool_pose()))
-            released = not opened.parts
             log += opened.log
+            if opened.parts and place.room(arm.tool_pose(), cell.gripper.max_opening):  # it leans on both fingers
+                opened = release(world, arm, cell.gripper.max_opening)
+                log += opened.log
+            released = not opened.parts
             if len(plan.leave.q) > 1:  # else it falls while the next image is taken
                 log += wait(world, arm, FALL_TIME) + run("on", plan.leave.q)
     robot_s = world.time - start

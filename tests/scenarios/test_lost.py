@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ import scenarios.move
 from cell.arm import Arm
 from cell.execute import MotionLog, execute
 from cell.frames import Array
+from cell.grip import Grip, release
 from cell.world import World
 from scenarios.episode import oracle_perception
 from scenarios.memory import Memory
@@ -49,5 +52,23 @@ def test_nothing_goes_where_a_workpiece_was_lost(monkeypatch: pytest.MonkeyPatch
         assert sorted(memory.place.used)[-2:] == [1, 1]
         lost, placed = (cell.observe().Ts_world_part[k, :2, 3] for k in cell.observe().parts_in(PLACE))
         assert np.linalg.norm(lost - placed) > cell.workpiece.extents.min()
+    finally:
+        cell.close()
+
+
+def test_what_leans_on_both_fingers_is_let_go_by_opening_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An eye bolt fell across the open fingers, and the attempt counted as misplaced."""
+    wanted: list[float | None] = []
+
+    def opens(world: World, arm: Arm, opening: float | None = None) -> Grip:
+        wanted.append(opening)
+        grip = release(world, arm, opening)
+        return replace(grip, parts=(0,)) if len(wanted) == 1 else grip
+
+    monkeypatch.setattr(scenarios.move, "release", opens)
+    cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=3)
+    try:
+        assert attempt_pick(cell, oracle_perception, Memory.of(cell), seed=3, attempt=0).success
+        assert len(wanted) == 2 and wanted[1] == cell.gripper.max_opening
     finally:
         cell.close()

@@ -23,8 +23,8 @@ INTRUDERS = 4  # thinned points between the fingers that are as good as another 
 CHUNK = 24
 ESTIMATES_ENOUGH = 12
 """Once this many workpieces can be gripped, the less wanted ones are not looked at."""
-COVER_COUNTS = 3.0
-"""A workpiece of which a third lies under others is as bad as one that is buried."""
+COVER_COUNTS = 8.0
+"""A workpiece of which an eighth lies under others is as bad as one that is buried: it takes them along or jams."""
 PER_ESTIMATE = 24
 """Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
 
@@ -110,18 +110,22 @@ def select(
             near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < reach
             others = without_workpiece(scene[near], T_world_part, workpiece)
             terms = _terms(T_world_part, float(scores[k]), float((heights[k] - low) / span), error, poses)
-            free = 1.0 - COVER_COUNTS * covered_share(workpiece, T_world_part, others)
-            terms["uncovered"] = np.full(len(poses.index), max(free, 0.0))
-            Ts = T_world_part @ poses.Ts_part_tool
-            for i in _with_room(Ts, weights.rank(terms), tolerances < error, poses, grippers, bin, others, verdicts):
+            free = max(1.0 - COVER_COUNTS * covered_share(workpiece, T_world_part, others), 0.0)
+            terms["uncovered"] = np.full(len(poses.index), free)
+            Ts, kept = T_world_part @ poses.Ts_part_tool, list[int]()
+            verdicts[:] = Verdict.COVERED
+            if free >= weights.min_uncovered:
+                rank = weights.rank(terms)
+                kept = _with_room(Ts, rank, tolerances < error, poses, grippers, bin, others, verdicts)
+            for i in kept:
                 opening, point = float(poses.openings[i]), poses.points[poses.index[i]]
                 shape, between = grippers[opening], betweens.get(opening)
                 own = {name: float(value[i]) for name, value in terms.items()}
                 own["clearance"] = shape.room(Ts[i], others, ROOMY) / ROOMY
                 intruders = between.count(Ts[i], others) if between else 0
                 own["alone"] = max(1.0 - intruders / INTRUDERS, 0.0)
-                rank = float(weights.rank(own))
-                found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, rank, own))
+                total = float(weights.rank(own))
+                found.append(GraspCandidate(k, point, Ts[i], poses.Ts_part_tool[i], opening, total, own))
             pickable += bool((verdicts == "").any())
         counts = {name: Counter({str(Verdict.DISABLED): n}) for name, n in poses.disabled.items()}
         for name, n in poses.no_place.items():

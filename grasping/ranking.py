@@ -24,11 +24,12 @@ class GraspingConfig(Config):
     weight_upright: float = Field(default=0.5, ge=0, description="of the approach that the grasp point prefers")
     weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
     weight_robustness: float = Field(default=0.5, ge=0, description="of a grasp that bears an error of the pose")
-    weight_clearance: float = Field(default=0.25, ge=0, description="of room between the gripper and what lies beside")
+    weight_clearance: float = Field(default=0.75, ge=0, description="of room between the gripper and what lies beside")
     weight_uncovered: float = Field(default=2.0, ge=0, description="of a workpiece on which nothing lies")
     weight_alone: float = Field(default=1.0, ge=0, description="of nothing else between the fingers")
     weight_motion: float = Field(default=0.25, ge=0, description="of a short way of the arm")
     min_score: float = Field(default=0.0, ge=0, le=1, description="of an estimate below which nothing is gripped")
+    min_uncovered: float = Field(default=0.0, ge=0, le=1, description="of the term below which nothing is gripped")
     max_candidates: int = Field(default=200, ge=1, le=1000, description="candidates handed on to planning, best first")
 
     def rank(self, terms: Mapping[str, float | Array]) -> Array:

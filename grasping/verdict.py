@@ -13,6 +13,7 @@ class Verdict(StrEnum):
     DISABLED = "disabled"
     SCORE = "score"
     AVOIDED = "avoided"
+    COVERED = "covered"
     NO_PLACE = "no_place"
     TOLERANCE = "tolerance"
     TILT = "tilt"
@@ -32,6 +33,7 @@ MEANING = {
     Verdict.DISABLED: "the grasp point is switched off, or made for another gripper",
     Verdict.SCORE: "the estimate's score is too low",
     Verdict.AVOIDED: "a pick failed there lately",
+    Verdict.COVERED: "too much lies on the workpiece",
     Verdict.NO_PLACE: "held so the workpiece cannot be put down as wanted; it would have to be gripped anew",
     Verdict.TOLERANCE: "the estimate is less certain than the grasp point tolerates",
     Verdict.TILT: "the approach leans too far",

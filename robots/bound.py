@@ -34,7 +34,7 @@ def stop_at_each(robot: RobotModel, request: PickRequest, plan: PickPlan) -> flo
     T_flange_grasp = request.T_base_tool_grasp @ invert(request.T_flange_tool)
     q_grasp, q_place = plan.lift.q[0], plan.carry.q[-1]
     T_flange_place = request.Ts_base_tool_place[plan.place] @ invert(request.T_flange_tool)
-    into = Line(robot, T_flange_grasp, q_grasp, -request.approach * request.T_base_tool_grasp[:3, 2])
+    into = Line(robot, T_flange_grasp, q_grasp, request.way_back)
     out = Line(robot, T_flange_grasp, q_grasp, request.retract * np.array(request.retract_direction))
     down = Line(robot, T_flange_place, q_place, request.place_height * UP)
     paths = [line.path for line in (into, out, down)]

@@ -27,6 +27,7 @@ Mode = Literal["transit", "contact", "depart", "leave"]
 Ground = tuple[coal.CollisionGeometry, pin.SE3]
 
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
+BERTH = 0.003  # [m] kept in flight from the obstacles that are to be given a berth
 PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
 THICK = 0.25  # of the upper arm's length: radius of the links around the wrist centre; twice that around the elbow
 MAX_KNOT_STEP = 0.05  # [rad] between two joint vectors between which the travel of all points is measured
@@ -61,6 +62,8 @@ class CollisionScene:
         heightfield: the scanned pile above the bin, or None.
         start_boxes: boxes of the gripper as it is until it has left where it waits; None for `tool_boxes`.
         placed: ground of what was placed elsewhere; `placed_before`: without what was let go last.
+        berth: names of the obstacles that are kept BERTH away from in flight, `pile` for the scanned pile; arm and
+            jaws are never quite where they are commanded, and a scan has gaps.
 
     Mode `transit` checks everything. So does mode `leave`, with the gripper as it waits, and mode `depart`, for the
     line away from where it waits, which ignores what it has just let go. Mode `contact`, for the last line to a grasp
@@ -77,8 +80,9 @@ class CollisionScene:
         start_boxes: Sequence[Box] | None = None,
         placed: HeightField | None = None,
         placed_before: HeightField | None = None,
+        berth: Sequence[str] = (),
     ) -> None:
-        self.robot = robot
+        self.robot, self.berth, self._kept = robot, frozenset(berth), frozenset(berth)
         self.tool_boxes, self.obstacles, self.heightfield = tuple(tool_boxes), tuple(obstacles), heightfield
         self.start_boxes = self.tool_boxes if start_boxes is None else tuple(start_boxes)
         self._placed, self._placed_before = (None if f is None else _ground(f) for f in (placed, placed_before))
@@ -121,6 +125,18 @@ class CollisionScene:
             yield
         finally:
             self._held = held
+
+    def give_berth(self, *ends: Array) -> None:
+        """Keep the berth in flight from now on, but of what is nearer where the flight begins or ends, (6,) [rad]."""
+        self._kept = self.berth
+        if not all(self.free(q) for q in ends):
+            self._kept = frozenset(name for name in self.berth if self._respected(name, ends))
+
+    def _respected(self, name: str, ends: Sequence[Array]) -> bool:
+        free = []
+        for self._kept in (frozenset(), frozenset({name})):
+            free.append([self.free(q) for q in ends])
+        return free[0] == free[1]
 
     def free(self, q: Array, mode: Mode = "transit") -> bool:
         """Whether nothing touches at q (6,) in [rad]."""
@@ -203,7 +219,7 @@ class CollisionScene:
             self._checkers[state] = _Checker(self, boxes, placed, self._held, self._tolerance)
         if state == "held":
             self._checkers[state].stand_over(self._ground_held)
-        self._checkers[state].turn_to(mode)
+        self._checkers[state].turn_to(mode, self._kept)
         return self._checkers[state]
 
 
@@ -253,9 +269,13 @@ class _Checker:
             k for k, p in enumerate(pairs) if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
         ]
         self._only: dict[Mode, list[int]] = {"transit": transit_only, "contact": slim_only}
+        self._given_berth = {
+            name: [k for k, p in enumerate(pairs) if name in (self.names[p[0]], self.names[p[1]])]
+            for name in scene.berth
+        }
         self._carried = {*tool, *part, *slim}
         self._mode: Mode | None = None
-        self._margin = 0.0
+        self._margin, self._berth = 0.0, frozenset[str]()
         self._sort()
 
     def takes(self, held: tuple[Box, ...], tolerance: float) -> bool:
@@ -284,8 +304,11 @@ class _Checker:
             self.model, self.geometry, self.geometry_data
         )
 
-    def turn_to(self, mode: Mode) -> None:
-        """Check the pairs of a mode."""
+    def turn_to(self, mode: Mode, kept: frozenset[str]) -> None:
+        """Check the pairs of a mode, in `transit` with the berth of what is named in `kept`."""
+        berth = kept if mode == "transit" else frozenset[str]()
+        if berth != self._berth:
+            self._berth, self._margin = berth, -1.0
         if mode != self._mode:
             for other, pairs in self._only.items():
                 data = self.geometry_data
@@ -297,8 +320,12 @@ class _Checker:
     def free(self, q: Array, margin: float = 0.0) -> bool:
         """Whether everything keeps more than `margin` [m] at q (6,)."""
         if margin != self._margin:
-            for request in self.geometry_data.collisionRequests:
+            requests = self.geometry_data.collisionRequests
+            for request in requests:
                 request.security_margin = margin
+            for name in self._berth:
+                for k in self._given_berth[name]:
+                    requests[k].security_margin = margin + BERTH
             self._margin = margin
         return not pin.computeCollisions(self.model, self.data, self.broadphase, q, True)
 

@@ -113,15 +113,16 @@ def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop, T_flange
     last = len(q) - 1 - _on_line(scene, q[::-1], end)
     if first >= last:
         first, last = 0, len(q) - 1
-    left = first
+    left = narrow = first
     if start.mode == "depart" and start.line is not None:
         left = min(max(first, first_beyond(scene.robot, q, T_flange_tool, start.line.length)), last)
+        narrow = min(left + int(np.ceil(start.narrowing / CHECK_STEP)), last)
     for k in np.linspace(left, last, GLANCES).astype(int)[1:-1]:
         if not scene.free(q[k]):
             return float(k) / (len(q) - 1)
     stretches: tuple[tuple[int, int, Mode], ...] = (
         (left, last, "transit"),
-        (first, left, "leave"),
+        (first, narrow, "leave"),
         (0, first, start.mode),
         (last, len(q) - 1, end.mode),
     )

@@ -22,7 +22,9 @@ FORMS_TRIED = 12  # of a flight, where another way may be quicker than insisting
 Joined = tuple[Trajectory, Method]
 
 
-def join(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, seed: int | None, name: str) -> Joined | Refusal:
+def join(
+    scene: CollisionScene, start: Stop, end: Stop, pace: Pace, seed: int | None, name: str, searched: bool = True
+) -> Joined | Refusal:
     """From one stop along its line, through the air, and along the line to the other; or what is in the way.
 
     Where no flight is free the arm stops at the ends of the whole lines and goes straight, over a via point, or as a
@@ -30,7 +32,9 @@ def join(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, seed: int | 
 
     Args:
         seed: of the search; None for flights alone.
+        searched: whether a path may be searched where nothing quicker leads there.
     """
+    scene.give_berth(*(stop.air for stop in (start, end)))
     flying = fly(scene, start, end, pace, name, FORMS_TRIED if seed is None else 2 * FORMS_TRIED)
     if flying is not None:
         return flying, "direct"
@@ -38,19 +42,19 @@ def join(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, seed: int | 
         return Refusal(Cause.COLLISION)
     paths: list[JointPath | None] = []
     for stop in (start, end):
-        path = stop.line.path if stop.line else None
-        if isinstance(path, Refusal):
-            return path
-        contact = path and scene.path_contact(path.spline(np.linspace(0.0, 1.0, 33)), stop.mode)
+        line = stop.line.path if stop.line else None
+        if isinstance(line, Refusal):
+            return line
+        contact = line and scene.path_contact(line.spline(np.linspace(0.0, 1.0, 33)), stop.mode)
         if contact:
             return Refusal(Cause.COLLISION, contact=contact, on_line=True)
-        paths.append(path)
+        paths.append(line)
     first, last = paths
     q0, q1 = first.end if first else start.q, last.end if last else end.q
     found = connect_quickly(scene, q0, q1)
     if found is None:
-        searched = search(scene, q0, q1, seed)
-        found = None if searched is None else (searched, "search")
+        path = search(scene, q0, q1, seed) if searched else None
+        found = None if path is None else (path, "search")
     if found is None:
         return Refusal(Cause.COLLISION, contact=scene.path_contact(np.stack([q0, q1])))
     waypoints, method = found

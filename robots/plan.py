@@ -43,12 +43,16 @@ class PickRequest:
         Ts_base_tool_place: (k, 4, 4) TCP where the part may be let go, most wanted first.
         T_flange_tool: (4, 4).
         held_tool: the part as boxes in the TCP frame.
-        approach: length of the last line along tool z [m]; retract: of the first line with the part, along the unit
-            vector `retract_direction` in the world; place_height: of the vertical line down to a place pose; depart: of
-            the vertical line away from q_start, 0 for none.
+        approach: length of the last line to the grasp [m]; back: its direction, from the grasp, a unit vector in the
+            world, None for against tool z.
+        retract: length of the first line with the part [m]; retract_direction: a unit vector in the world.
+        place_height: of the vertical line down to a place pose [m]; depart: of the vertical line away from q_start, 0
+            for none.
         straight: length that is kept straight of each of these lines where the rest of it may be rounded into the
             flight without a touch [m]; None for the whole lines. straight_place: the same of the lines at the place;
             None for as much as at the grasp.
+        narrowing: time in [s] that the jaws take from how they are at q_start to how they grip; they start when the
+            hand has left by `depart`, and until they are done the flight has room for both.
         place_rank: (k,) how much each place pose is wanted, the least first; among equals the quickest to reach is
             taken. None for the order given.
         speed: in (0, 1] of the arm's speed, see `robots.trajectory`.
@@ -56,7 +60,7 @@ class PickRequest:
         tool_load, part_load: what gripper and part weigh on the flange, for the torques; None for nothing.
         held_tolerance: error of the part's estimated pose [m] that does not count as a collision on the lift's line.
         pile_without: the scanned pile once the part is out of it; None for the scan as it is, the part in it.
-        seed: of the path search, which runs only where straight moves and via points fail.
+        seed: of the path search, which runs only where straight moves and via points fail; searched: if at all.
     """
 
     q_start: Array
@@ -66,6 +70,7 @@ class PickRequest:
     held_tool: tuple[Box, ...]
     q_end: Array | None
     approach: float = 0.10
+    back: tuple[float, float, float] | None = None
     retract: float = 0.15
     retract_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     place_height: float = 0.12
@@ -73,14 +78,22 @@ class PickRequest:
     carry_acceleration: float = 15.0
     held_tolerance: float = 0.005
     seed: int = 0
+    searched: bool = True
     dt: float = DT
     depart: float = 0.0
+    narrowing: float = 0.0
     straight: float | None = None
     straight_place: float | None = None
     place_rank: tuple[int, ...] | None = None
     tool_load: Load | None = None
     part_load: Load | None = None
     pile_without: HeightField | None = None
+
+    @property
+    def way_back(self) -> Array:
+        """(3,) [m] from the grasp to where the last line to it begins."""
+        back = -self.T_base_tool_grasp[:3, 2] if self.back is None else np.array(self.back)
+        return np.asarray(self.approach * back)
 
     @property
     def free(self) -> Pace:
@@ -184,8 +197,7 @@ def _plan_in_branch(
     q_grasp = found.q[0, slot]
     hold = tuple(replace(b, T_world_box=request.T_flange_tool @ b.T_world_box) for b in request.held_tool)
 
-    back = -request.approach * request.T_base_tool_grasp[:3, 2]
-    out = _stop(scene, request, grasp, q_grasp, back, "contact", Stage.APPROACH_LINE, "approach line")
+    out = _stop(scene, request, grasp, q_grasp, request.way_back, "contact", Stage.APPROACH_LINE, "approach line")
     if isinstance(out, PlanFailure):
         return out
     rise = request.retract * np.array(request.retract_direction)
@@ -195,9 +207,15 @@ def _plan_in_branch(
     start = _start(scene, request)
     if isinstance(start, PlanFailure):
         return start
-    approach = join(scene, start, out, request.free, request.seed, "approach")
+    approach = join(scene, start, out, request.free, request.seed, "approach", request.searched)
     if isinstance(approach, Refusal):
         return PlanFailure(Stage.APPROACH, approach, "way to the grasp")
+    q, away = approach[0].q, request.depart
+    cleared = first_beyond(scene.robot, q, request.T_flange_tool, away) if away else 0
+    narrow = cleared + int(np.ceil(request.narrowing / request.dt))
+    contact = scene.path_contact(q[cleared : narrow + 1], "leave") if request.narrowing else None
+    if contact is not None:  # where the arm stopped on its way, the jaws may meet something before they are narrow
+        return PlanFailure(Stage.APPROACH, Refusal(Cause.COLLISION, contact=contact), "way to the grasp")
     scene.hold(hold, request.held_tolerance, request.pile_without)
     placed = _place(scene, request, up, slot)
     if isinstance(placed, PlanFailure):
@@ -206,8 +224,6 @@ def _plan_in_branch(
     methods = (approach[1], carry[1], leave[1])
     lift, carry_on = _split(carry[0], first_beyond(scene.robot, carry[0].q, request.T_flange_tool, request.retract))
     sigma = float(found.sigma[0, slot])
-    q, away = approach[0].q, request.depart
-    cleared = first_beyond(scene.robot, q, request.T_flange_tool, away) if away else 0
     return PickPlan(approach[0], lift, carry_on, leave[0], k, slot, sigma, methods, cleared)
 
 
@@ -217,7 +233,8 @@ def _start(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailure:
         return Stop(request.q_start)
     T = flange_poses(scene.robot, request.q_start[None])[0]
     rise, what = request.depart * UP, "line from the start"
-    return _stop(scene, request, T, request.q_start, rise, "depart", Stage.APPROACH, what)
+    stop = _stop(scene, request, T, request.q_start, rise, "depart", Stage.APPROACH, what)
+    return stop if isinstance(stop, PlanFailure) else replace(stop, narrowing=request.narrowing)
 
 
 def _place(
@@ -244,13 +261,17 @@ def _place(
         if isinstance(place, PlanFailure):
             blocked.append(place)
             continue
+        if request.q_end is None and place.line is not None and isinstance(place.line.path, Refusal):
+            # what comes down only the last bit straight could not leave the next time: it would hit what it let go
+            blocked.append(PlanFailure(Stage.PLACE_LINE, place.line.path, what))
+            continue
         done = _carry(scene, request, grasp, place, None, k)
         if not isinstance(done, PlanFailure):
             return k, *done
         blocked.append(done)
         if done.stage == Stage.CARRY:
             unseen.append((k, place))
-    for k, place in unseen[:SEARCHED_PLACES]:
+    for k, place in unseen[: SEARCHED_PLACES if request.searched else 0]:
         done = _carry(scene, request, grasp, place, request.seed, k)
         if not isinstance(done, PlanFailure):
             return k, *done

@@ -80,12 +80,14 @@ class Stop:
         line: away from it; None where the arm may move as it likes.
         mode: of the collision checks along the line.
         straight: how much of the line is kept straight where that is enough, in [m]; None for all of it.
+        narrowing: time in [s] after the line of a start that the jaws take from how they waited to how they grip.
     """
 
     q: Array
     line: Line | None = None
     mode: Mode = "transit"
     straight: float | None = None
+    narrowing: float = 0.0
 
     @cached_property
     def usable(self) -> Line | Refusal | None:
@@ -99,3 +101,9 @@ class Stop:
                 return line
         assert isinstance(line.path, Refusal)
         return line.path
+
+    @property
+    def air(self) -> Array:
+        """Joint vector (6,) at the free end of the line, as far as the arm can follow it."""
+        line = self.usable
+        return line.path.end if isinstance(line, Line) and isinstance(line.path, JointPath) else self.q

@@ -15,8 +15,9 @@ from scenarios.motion_rank import with_motion
 from scenarios.scan import scene_points, true_points
 from scenarios.workcell import Workcell
 
-KNOWN_SCORE, KNOWN_SAMPLES = 0.7, 800
-"""Estimates from this score on count as bodies for the gripper, by as many points of their surface."""
+KNOWN_SCORE = 0.7
+"""Estimates from this score on count as bodies for the gripper, by points of their surface."""
+KNOWN_SPACING, KNOWN_SAMPLES = 0.006, (800, 12_000)  # [m] between such points, and how many there are of one body
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ def heap_points(cell: Workcell, frame: DepthFrame, estimates: Estimates) -> Arra
     A workpiece whose pose is believed is known all round; a finger that leans would else land on what it hides.
     """
     known = estimates.Ts_world_part[estimates.scores >= KNOWN_SCORE]
-    surface = cell.workpiece.sample_surface(KNOWN_SAMPLES, seed=8)[0]
+    samples = int(np.clip(cell.workpiece.mesh.area / KNOWN_SPACING**2, *KNOWN_SAMPLES))
+    surface = cell.workpiece.sample_surface(samples, seed=8)[0]
     hidden = apply(known, surface).reshape(-1, 3)
     return np.concatenate([scene_points(cell, frame), hidden])

@@ -44,9 +44,16 @@ class Memory:
         return self._placeable
 
     def avoided(self, Ts_world_part: Array, attempt: int, span: int) -> np.ndarray:
-        """(k,) bool: the estimate lies where a pick failed within the last `span` attempts."""
-        recent = [p for at, p in self.failed if attempt - at <= span]
-        return np.array([any(np.linalg.norm(T[:3, 3] - p) < AVOID_RADIUS for p in recent) for T in Ts_world_part], bool)
+        """(k,) bool: the estimate lies where a pick failed within the last `span` attempts.
+
+        Every further failure at a spot doubles the time for which it is left alone: what came off twice in the same
+        place will most likely do so again.
+        """
+        out = np.zeros(len(Ts_world_part), bool)
+        for k, T in enumerate(Ts_world_part):
+            failed = [at for at, p in self.failed if np.linalg.norm(T[:3, 3] - p) < AVOID_RADIUS]
+            out[k] = bool(failed) and attempt - failed[-1] <= span * 2 ** (len(failed) - 1)
+        return out
 
 
 def waits_at(cell: Workcell, memory: Memory) -> Array:

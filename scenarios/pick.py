@@ -95,10 +95,11 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             record |= {"place_mm": 1000 * off, "place_deg": np.rad2deg(turned)}
             evidence = replace(evidence, in_tolerance=memory.place.accepts(off, turned))
         verdict = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
-        if evidence.carried:  # what a cell's own gripper tells it; the verdict is ground truth
+        lost = bool(evidence.lifted) and not (evidence.carried or evidence.put_back or evidence.log.stopped)
+        if evidence.carried or lost:  # what a cell's own gripper tells it; the verdict is ground truth
             memory.placed.add(let_go_at(decision.candidate, decision.plan, memory.place), memory.place.fall)
-            memory.place.fill(decision.plan.place)
-        else:
+            memory.place.fill(decision.plan.place)  # lost on the way it may lie there: nothing else goes to that place
+        if not evidence.carried:
             memory.failed.append((attempt, T_world_part[:3, 3]))
         record |= {
             "moved": True,

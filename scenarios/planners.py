@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from cell.bin import Box
 from cell.camera import DepthFrame
-from cell.frames import apply, invert
+from cell.execute import OPEN_EASE
+from cell.frames import Array, apply, invert
+from cell.jaw import ParallelJaw
 from cell.tool import in_frame
 from grasping.candidates import GraspCandidate
 from robots.collision import CollisionScene, HeightField
@@ -18,6 +22,8 @@ from scenarios.memory import Memory, waits_at
 from scenarios.scan import Scan, scene_points
 from scenarios.workcell import Workcell
 
+SEARCHES = 6
+"""Candidates of a decision for which a path is searched, which takes seconds; then only quick ways are tried."""
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 
 
@@ -38,14 +44,16 @@ class ArmPlanner:
         if scene is None:
             waits = None if self._memory.waits_at is None else cell.gripper.flange_boxes(self._memory.opened)
             boxes = cell.gripper.flange_boxes(opening)
-            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed)
+            berth = ["pile", *(box.name for box in cell.source.boxes() if "wall" in box.name)]
+            scene = CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed, berth)
             self._scenes[opening] = scene
         stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
         if stop is not None:
             return stop
         self.planned += 1
         request = request_of(cell, candidate, self._memory, self._seed)
-        return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate)))
+        searched = self.planned <= SEARCHES
+        return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate), searched=searched))
 
     def _pile_without(self, candidate: GraspCandidate) -> HeightField:
         k = candidate.estimate
@@ -74,6 +82,8 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
     places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
+    cups, middle = not isinstance(cell.gripper, ParallelJaw), cell.source.T_world_bin[:2, 3]
+    off = _off(candidate.T_world_tool, middle) if cups else None
     return PickRequest(
         q_start=waits_at(cell, memory),
         q_end=None,
@@ -82,15 +92,38 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         T_flange_tool=T_flange_tool,
         held_tool=tuple(in_frame(boxes, T_tool_part)),
         approach=candidate.point.approach_distance,
+        back=off,
+        retract_direction=off or (0.0, 0.0, 1.0),
         retract=candidate.point.retract_distance,
         place_height=memory.place.line,
         carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
         seed=seed,
         dt=cell.world.dt,
         depart=0.0 if memory.waits_at is None else memory.place.line,
+        narrowing=_narrowing(cell, candidate.opening, memory),
         straight=cell.scenario.carry.straight,
         straight_place=cell.scenario.straight_place,
         place_rank=memory.place.ranks(),
         tool_load=Load(cell.gripper.mass, cell.gripper.centre),
         part_load=Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0]),
     )
+
+
+def _off(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:
+    """Unit vector halfway between straight up and the way that a leaning tool comes from, where it leads inwards.
+
+    Cups and magnets hold a face, not sides: straight up would drag a workpiece that leans on a wall along that wall.
+    A tool that leans over the nearest wall, away from `middle` (2,) of the bin, comes and goes straight up.
+    """
+    half = np.array([0.0, 0.0, 1.0]) - T_world_tool[:3, 2]
+    if half[:2] @ (middle - T_world_tool[:2, 3]) <= 0:
+        return 0.0, 0.0, 1.0
+    x, y, z = (half / np.linalg.norm(half)).tolist()
+    return x, y, z
+
+
+def _narrowing(cell: Workcell, opening: float, memory: Memory) -> float:
+    """Time in [s] in which the jaws come from how they wait to a narrower `opening` [m]."""
+    if memory.waits_at is None or not isinstance(cell.gripper, ParallelJaw) or memory.opened <= opening:
+        return 0.0
+    return (memory.opened - opening) / 2 / cell.gripper.speed + OPEN_EASE

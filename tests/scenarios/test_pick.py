@@ -141,6 +141,8 @@ def test_what_is_avoided_is_near_and_recent(memory: Memory) -> None:
     assert memory.avoided(Ts, attempt=4, span=2).tolist() == [True, False]
     assert memory.avoided(Ts, attempt=5, span=2).tolist() == [True, False]
     assert memory.avoided(Ts, attempt=6, span=2).tolist() == [False, False]
+    memory.failed.append((6, Ts[0][:3, 3]))  # once more at the same spot: twice as long
+    assert [bool(memory.avoided(Ts, attempt=k, span=2)[0]) for k in (7, 10, 11)] == [True, True, False]
     assert memory.avoided(Ts[:0], attempt=4, span=2).shape == (0,)
 
 

@@ -1,0 +1,75 @@
+"""Room that a flight leaves: round the walls of a bin, and for jaws that are still moving."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.bin import Box
+from cell.frames import make_transform
+from robots.collision import BERTH, CollisionScene
+from robots.model import RobotModel
+from robots.plan import PickPlan, PickRequest, plan_pick
+from tests.robots.arm_cell import CELL, T_FLANGE_TOOL, TOOL, request_at, tilted
+
+FENCES = [Box("fence", (0.5, 0.006, z), make_transform(t=(0.4, -0.2, z / 2))) for z in np.arange(0.12, 0.2, 0.005)]
+WIDER = 0.030  # [m] that each finger stands further out at the start
+
+
+def planned(scene: CollisionScene, request: PickRequest) -> PickPlan:
+    plan = plan_pick(scene, request)
+    assert isinstance(plan, PickPlan), plan
+    return plan
+
+
+def swollen(box: Box, by: float) -> Box:
+    return replace(box, size=tuple(edge + 2 * by for edge in box.size))
+
+
+def test_flights_keep_a_berth_off_walls(robot: RobotModel) -> None:
+    """Planned to pass by a hair, a finger landed on the wall: arm and jaws are never quite where they should be."""
+    request = replace(request_at(robot, 0.45, 0.0), q_end=None, straight=0.02)
+    touched: dict[bool, int] = {False: 0, True: 0}
+    for fence in FENCES:
+        around = CollisionScene(robot, TOOL, [swollen(fence, BERTH / np.sqrt(2))])
+        for given in touched:
+            plan = planned(CollisionScene(robot, TOOL, [*CELL, fence], berth=("fence",) if given else ()), request)
+            around.hold([Box(b.name, b.size, T_FLANGE_TOOL @ b.T_world_box) for b in request.held_tool])
+            touched[given] += around.path_contact(plan.carry.q) is not None
+            around.release()
+    assert touched[False] >= 1 and touched[True] == 0
+
+
+def test_a_flight_may_begin_within_the_berth(robot: RobotModel) -> None:
+    """A part beside a wall can still be taken: the berth is dropped where the line's end is already within it."""
+    request = replace(request_at(robot, 0.45, 0.0), q_end=None, straight=0.02)
+    finger = 0.0225 + BERTH / 2  # from the tool's middle to a wall that stands higher than the lines are long
+    for x in (0.45 - finger - 0.003, 0.45 + finger + 0.003):
+        beside = Box("beside", (0.006, 0.1, 0.16), make_transform(t=(x, 0.0, 0.08)))
+        free = CollisionScene(robot, [b for b in TOOL if b.name != "palm"], [*CELL, beside])
+        berth = CollisionScene(robot, [b for b in TOOL if b.name != "palm"], [*CELL, beside], berth=("beside",))
+        plans = [plan_pick(scene, request) for scene in (free, berth)]
+        assert all(isinstance(plan, PickPlan) for plan in plans), plans
+
+
+def test_jaws_that_are_still_wide_have_room(robot: RobotModel) -> None:
+    """Coming from a wide workpiece the fingers met the wall on the way to a narrow one."""
+    first = replace(request_at(robot, 0.45, 0.0), q_end=None, straight=0.02)
+    waits = planned(CollisionScene(robot, TOOL, CELL), first).carry.q[-1]
+    wide = []
+    for box in TOOL:
+        T = box.T_world_box.copy()
+        if box.name.startswith("finger"):
+            T[0, 3] += np.copysign(WIDER, T[0, 3])
+        wide.append(replace(box, T_world_box=T))
+    request = replace(request_at(robot, 0.41, 0.03, tilted(20, 60, 30)), q_start=waits, q_end=None, straight=0.02)
+    request = replace(request, depart=0.08)
+    met = {0.0: 0, 0.25: 0}
+    for fence in FENCES:
+        for narrowing in met:
+            scene = CollisionScene(robot, TOOL, [*CELL, fence], start_boxes=wide)
+            plan = planned(scene, replace(request, narrowing=narrowing))
+            until = plan.cleared + round(0.25 / plan.approach.dt)
+            met[narrowing] += scene.path_contact(plan.approach.q[plan.cleared : until + 1], "leave") is not None
+    assert met[0.0] >= 2 and met[0.25] == 0

@@ -102,7 +102,7 @@ def moved_picture(mesh: trimesh.Trimesh, before: GraspPoint, after: GraspPoint, 
     """A grasp before (left) and after it was moved, seen from the same side, the fingers as far open as they come."""
     fig = Figure(figsize=(4.0, 2.0))
     for panel, point in zip(fig.subplots(1, 2), (before, after), strict=True):
-        _draw_grasp(panel, mesh, _tool_pose(before), _fingers(point, gripper, opening(point)))
+        _draw_grasp(panel, mesh, _tool_pose(before), _fingers(point, gripper, opening(point)), margin=1.8)
     return _png(fig)
 
 
@@ -111,11 +111,13 @@ def _fingers(point: GraspPoint, gripper: Gripper, wide: float) -> list[Body]:
     return [Body(np.asarray(b.vertices), np.asarray(b.faces), TOOL) for b in boxes]
 
 
-def _draw_grasp(panel: Axes, mesh: trimesh.Trimesh, T_part_tool: Array, fingers: Sequence[Body]) -> None:
+def _draw_grasp(
+    panel: Axes, mesh: trimesh.Trimesh, T_part_tool: Array, fingers: Sequence[Body], margin: float = 1.35
+) -> None:
     """The part and fingers, seen along the pads with the approach downwards."""
     part = Body(np.asarray(mesh.vertices), np.asarray(mesh.faces), STEEL)
     eye = -T_part_tool[:3, 2] * 0.5 + T_part_tool[:3, 1] * 1.2 + T_part_tool[:3, 0] * 0.35
-    view = _View(tuple(eye), [part], fingers, up=-T_part_tool[:3, 2])
+    view = _View(tuple(eye), [part], fingers, -T_part_tool[:3, 2], margin)
     panel.imshow(view.shade(), extent=view.extent)
     panel.set_axis_off()
 
@@ -133,7 +135,12 @@ class _View:
     """A parallel projection on all of `bodies`; `beside` is drawn too but does not widen the picture."""
 
     def __init__(
-        self, eye: Sequence[float], bodies: Sequence[Body], beside: Sequence[Body] = (), up: Array | None = None
+        self,
+        eye: Sequence[float],
+        bodies: Sequence[Body],
+        beside: Sequence[Body] = (),
+        up: Array | None = None,
+        margin: float = 1.35,
     ) -> None:
         self._all = [*bodies, *beside]
         points = np.concatenate([body.vertices for body in bodies])
@@ -142,7 +149,7 @@ class _View:
         right = np.cross(np.array([0.0, 0.0, 1.0]) if up is None else up, back)
         right /= np.linalg.norm(right)
         self._R = np.stack([right, np.cross(back, right), back])
-        half = 1.35 * float(np.abs(self.flat(points)).max())
+        half = margin * float(np.abs(self.flat(points)).max())
         self.extent = (-half, half, -half, half)
 
     def flat(self, points: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from scenarios.scenario import SHIPPED, Scenario, load_scenario
 from scenarios.store import FILE
 from scenarios.tune_files import changed_scenario, changed_table
 from scenarios.tune_plan import Plan
+from scenarios.tune_report import move
 from scenarios.tune_run import Result, run_plan
 from scenarios.tune_search import open_journal
 from scenarios.tune_space import SHIFTS, TURNS, Reach, candidate, cell_parameters, grasp_parameters, moved, parse_field
@@ -133,16 +135,31 @@ def campaigns_here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune_bins, "run_campaign", here)
 
 
-def tuned(out: Path, workers: int) -> Result:
+def plan_in(out: Path, workers: int = 1) -> Plan:
     scenario = load_scenario("bracket", ["count=5", "carry.speed_scale=0.6"])
     field = parse_field("carry.speed_scale=0.5:1.0", scenario)
     names = ("plate_from_top", "edge_of_plate")
-    plan = Plan(
+    return Plan(
         scenario, TABLE, tuple(POINTS.values()), names, (field,) if field else (), frozenset({"perception"}), out,
         Reach(), generations=2, rounds=2, episodes=4, block=2, holdout=4, workers=workers,
     )  # fmt: skip
+
+
+def tuned(out: Path, workers: int) -> Result:
+    plan = plan_in(out, workers)
     with mapping(workers) as run:
         return run_plan(plan, open_journal(out), run, planted_episode.run_episode, trial=planted_tune.trial)
+
+
+def test_the_page_says_what_moved(tmp_path: Path) -> None:
+    point, plan = POINTS["plate_from_top"], plan_in(tmp_path)
+    still = move(plan, point, point)
+    assert not any((still.centre, still.turned, still.depth, still.jaws, still.priority, still.picture))
+    values = STILL | {"x_mm": 2.0, "closing_deg": 10.0, "depth_mm": -1.5, "opening_mm": 30.0}
+    found = move(plan, point, moved(point, values).model_copy(update={"priority": 0.25}))
+    assert (found.centre, found.turned, found.depth) == ("+2.0, +0.0, +0.0", "10.0", "-1.5")
+    assert found.jaws == "23.0 \u2192 30.0" and found.priority == "1.00 \u2192 0.25"
+    assert b64decode(found.picture).startswith(b"\x89PNG")
 
 
 def test_the_outcome_does_not_depend_on_the_number_of_workers(tmp_path: Path, campaigns_here: None) -> None:

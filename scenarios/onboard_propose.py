@@ -22,9 +22,9 @@ from robots.model import load_robot
 from scenarios.scenario import BinConfig, robots
 from scenarios.slots import slots_in
 
-LONGEST = (0.01, 0.056, 0.083, 0.145, 0.216, 0.30, 0.436, 1.304)
-BIN_LENGTH = (0.12, 0.24, 0.33, 0.45, 0.53, 0.76, 0.80, 1.46)
-"""[m] of the longest side of workpieces, and of their bins."""
+LONGEST = (0.01, 0.03, 0.056, 0.083, 0.145, 0.216, 0.30, 0.436, 1.304)
+BIN_LENGTH = (0.16, 0.24, 0.26, 0.33, 0.45, 0.53, 0.76, 0.80, 1.46)
+"""[m] of the longest side of workpieces, and of their bins, in which a gripper must have room beside small ones."""
 SEEN_LENGTH = (0.12, 0.22, 0.26, 0.45, 0.52, 0.78, 1.46)
 DISTANCE = (0.55, 0.70, 0.85, 0.95, 1.00, 1.12, 1.15)
 """[m] of bins, and of the camera over them."""
@@ -99,7 +99,7 @@ def _judge(gripper: Gripper, workpiece: Workpiece, bin_depth: float) -> tuple[fl
                                f"{1000 * thin:.0f} mm thick")  # fmt: skip
         if hold < need:
             return 9.0, Choice(gripper, False, f"holds {hold:.0f} N by friction of {need:.0f} N needed")
-        short = bin_depth > gripper.finger_size[2] + 0.02
+        short = bin_depth > gripper.finger_size[2]
         round_one = workpiece.symmetry.infinite_axis is not None
         rank = 1.0 * short + (0.5 if (gripper.groove is not None) != round_one else 0.0) + 0.1 * gripper.mass
         reason = f"opens {1000 * gripper.max_opening:.0f} mm, holds {hold:.0f} N by friction of {need:.0f} N needed"

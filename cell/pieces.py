@@ -27,8 +27,9 @@ THICK = 1.25
 
 OFF_ROUND = 0.003
 """[m] that the corners of boxes may stand off the cylinder that they cover."""
-OFF_HULL, CUTS = 0.012, 3
-"""[m] that they may stand off a hull, and how often it is halved for that at most."""
+LARGE, OFF_HULL, CUTS = 0.012, 0.004, 5
+"""[m] that the corners of one box stand off a hull above which that is cut, [m] that those of the boxes around what it is
+cut into may, and how often it is halved for that at most."""
 
 Triple = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -126,12 +127,12 @@ def enclosing_box(piece: Piece) -> tuple[Triple, Array]:
 def covering_boxes(piece: Piece) -> list[tuple[Triple, Array]]:
     """Boxes as in `enclosing_box` that together cover a piece and stand off it by OFF_ROUND or OFF_HULL at most.
 
-    A polygon of 2 n sides around a circle is the union of n rectangles, each from a side to the one opposite. A hull is
-    cut in halves until the box around each is close, or CUTS times.
+    A polygon of 2 n sides around a circle is the union of n rectangles, each from a side to the one opposite. A large
+    hull is cut in halves until the box around each is close; one of many small hulls gets one box.
     """
     if isinstance(piece, CollisionHull):
-        parts = _halved(np.asarray(piece.vertices), CUTS)
-        return [_box_around(part) for part in parts]
+        corners = np.asarray(piece.vertices)
+        return [_box_around(part) for part in (_halved(corners, CUTS) if _off(corners) > LARGE else [corners])]
     if isinstance(piece, CollisionBox):
         return [enclosing_box(piece)]
     r = piece.radius
@@ -147,14 +148,20 @@ def _box_around(points: Array) -> tuple[Triple, Array]:
     return (x, y, z), make_transform(t=(low + high) / 2)
 
 
+def _off(points: Array) -> float:
+    """How far [m] the corners of the box around points (n, 3) stand out of their hull."""
+    planes = ConvexHull(points, qhull_options="QJ").equations
+    box = np.stack([points.min(axis=0), points.max(axis=0)], axis=1)
+    corners = np.stack(np.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
+    return float((corners @ planes[:, :3].T + planes[:, 3]).max())
+
+
 def _halved(points: Array, cuts: int) -> list[Array]:
     """Points (n, 3) of convex solids into which one is cut across its longest side."""
+    if cuts == 0 or _off(points) <= OFF_HULL:
+        return [points]
     hull = ConvexHull(points, qhull_options="QJ")
     low, high = points.min(axis=0), points.max(axis=0)
-    corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1), indexing="ij"), -1).reshape(-1, 3)
-    off = (corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max()
-    if cuts == 0 or off <= OFF_HULL:
-        return [points]
     axis = int(np.argmax(high - low))
     at = (low[axis] + high[axis]) / 2
     edges = points[hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)]

@@ -102,7 +102,7 @@ def _cover(figure: m3.CrossSection, wide: m3.CrossSection, most: int) -> Iterato
         return
     left = np.ones(len(triangles), dtype=bool)
     grown = [_grow(i, triangles, wide) for i in range(len(triangles))]
-    areas = np.abs(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
+    areas = np.abs(np.linalg.det(triangles[:, 1:] - triangles[:, :1]))
     for _ in range(most):
         gains = [float(areas[held & left].sum()) for _, held in grown]
         best = int(np.argmax(gains))

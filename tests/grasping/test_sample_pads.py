@@ -51,7 +51,8 @@ def test_the_use_is_that_of_the_cups_limits() -> None:
     np.testing.assert_allclose(worst_use(PLATE, CUP, T), wanted, rtol=1e-6)
 
 
-def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds() -> None:
+def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("grasping.sample_pads.SPOTS", 300)
     rng = np.random.default_rng
     holed = propose(drilled((0.10, 0.08, 0.01), 0.1, 0.008, 0.2), CUP, 4, rng(0))  # one hole in the middle
     assert holed and min(np.linalg.norm(p.centre[:2]) for p in holed) > 0.010 + 0.004 - 0.002  # it would leak

@@ -28,8 +28,8 @@ THICK = 1.25
 OFF_ROUND = 0.003
 """[m] that the corners of boxes may stand off the cylinder that they cover."""
 LARGE, OFF_HULL, CUTS = 0.012, 0.004, 5
-"""[m] that the corners of one box stand off a hull above which that is cut, [m] that those of the boxes around what it is
-cut into may, and how often it is halved for that at most."""
+"""[m] that the corners of one box stand off a hull above which that is cut, [m] that those of the boxes around its cuts
+may, and how often it is halved for that at most."""
 
 Triple = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -98,7 +98,7 @@ def _eroded(hull: ConvexHull, margin: float) -> Array:
                    bounds=[(None, None)] * 3 + [(0, None)])  # fmt: skip
     if ball.status != 0 or ball.x[3] < THICK * margin:
         raise ValueError(f"a hull is thinner than {2000 * THICK * margin:.1f} mm")
-    inside = HalfspaceIntersection(planes + (0.0, 0.0, 0.0, margin), ball.x[:3])
+    inside = HalfspaceIntersection(np.add(planes, (0.0, 0.0, 0.0, margin)), ball.x[:3])
     corners = np.asarray(inside.intersections)
     return np.array(corners[ConvexHull(corners, qhull_options="QJ").vertices])
 

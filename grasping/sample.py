@@ -64,6 +64,7 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
         InputError: another kind of gripper.
     """
     kind, alike = ("jaw", _alike) if isinstance(gripper, ParallelJaw) else ("face", _beside)
+    proposals: Iterator[GraspPoint]
     if isinstance(gripper, ParallelJaw):
         proposals = chain(jaw_proposals(workpiece, gripper, rng), freeform_proposals(workpiece, gripper, rng))
     elif isinstance(gripper, PadGripper):

@@ -15,7 +15,7 @@ from cell.errors import InputError
 from cell.frames import apply, from_rpy, invert, make_transform
 from cell.pieces import (
     CUTS,
-    OFF_HULL,
+    LARGE,
     CollisionBox,
     CollisionCylinder,
     CollisionHull,
@@ -85,7 +85,9 @@ def test_a_sharp_edge_keeps_its_margin_too() -> None:
     planes = ConvexHull(wedge.vertices).equations
     depth = -(inner @ planes[:, :3].T + planes[:, 3])
     assert depth.min() == pytest.approx(0.001, abs=1e-9)
-    np.testing.assert_allclose(np.sort(depth.min(axis=0))[:-2], 0.001, atol=1e-9)  # all faces but the tip's two triangles
+    np.testing.assert_allclose(
+        np.sort(depth.min(axis=0))[:-2], 0.001, atol=1e-9
+    )  # all faces but the tip's two triangles
     with pytest.raises(ValueError, match="thinner"):
         CollisionHull(wedge.vertices * (1, 0.25, 1)).without_margin(0.001)
 
@@ -101,10 +103,13 @@ def test_boxes_around_a_large_hull_stay_near_it() -> None:
     weights = rng.dirichlet(np.full(120, 0.05), 2000)  # anywhere in it, corners included
     inside = np.zeros(2000, dtype=bool)
     for size, T_part_box in boxes:
-        inside |= (np.abs(apply(invert(T_part_box), weights @ hull.vertices)) <= np.asarray(size) / 2 + 1e-9).all(axis=1)
+        inside |= (np.abs(apply(invert(T_part_box), weights @ hull.vertices)) <= np.asarray(size) / 2 + 1e-9).all(
+            axis=1
+        )
         corners = apply(T_part_box, CORNERS * size)
-        assert (corners @ planes[:, :3].T + planes[:, 3]).max() <= 1.5 * OFF_HULL
+        assert (corners @ planes[:, :3].T + planes[:, 3]).max() <= 0.75 * LARGE
     assert inside.all()
+    assert sum(np.prod(size) for size, _ in boxes) < 0.8 * np.prod(enclosing_box(hull)[0])
 
 
 @pytest.mark.parametrize("kind", ["boxes", "cylinders", "hulls", "hulls and a box"])

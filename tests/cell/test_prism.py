@@ -55,7 +55,9 @@ def test_a_wide_hole_stays_open_and_a_narrow_one_is_filled() -> None:
     assert held[0] > 0 > held[1], inside
 
 
-@pytest.mark.parametrize("body", [pebble(), gear(40), extruded(polygon(5, 30), 40, top=0.4)], ids=["organic", "fine", "taper"])
+@pytest.mark.parametrize(
+    "body", [pebble(), gear(40), extruded(polygon(5, 30), 40, top=0.4)], ids=["organic", "fine", "taper"]
+)
 def test_other_solids_have_none(body) -> None:
     assert prism_pieces(mesh_of(body), MAX_PRISMS) == []
 

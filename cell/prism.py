@@ -27,8 +27,8 @@ LEVEL, FINE = 0.01, 0.02
 """[mm] between layers that count as one, and of detail that is left out."""
 EMPTY = 1e-4
 """[mm2] that is no area."""
-MOST = 600
-"""Triangles of all figures, above which this is no stack of plain layers."""
+MOST = 200
+"""Triangles of one figure, above which this is no stack of plain layers."""
 
 
 def prism_pieces(mesh: trimesh.Trimesh, most: int) -> list[Array]:

@@ -23,7 +23,7 @@ from scenarios.scenario import BinConfig, robots
 from scenarios.slots import slots_in
 
 LONGEST = (0.01, 0.03, 0.056, 0.083, 0.145, 0.216, 0.30, 0.436, 1.304)
-BIN_LENGTH = (0.16, 0.24, 0.26, 0.33, 0.45, 0.53, 0.76, 0.80, 1.46)
+BIN_LENGTH = (0.16, 0.22, 0.24, 0.33, 0.45, 0.53, 0.76, 0.80, 1.46)
 """[m] of the longest side of workpieces, and of their bins, in which a gripper must have room beside small ones."""
 SEEN_LENGTH = (0.12, 0.22, 0.26, 0.45, 0.52, 0.78, 1.46)
 DISTANCE = (0.55, 0.70, 0.85, 0.95, 1.00, 1.12, 1.15)

@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull, QhullError
 from cell.frames import Array
 from cell.nearest import Nearest
 from cell.pieces import HULL_MARGIN, CollisionBox, CollisionCylinder, CollisionHull, Piece
+from cell.prism import prism_pieces
 
 FULL = 0.97
 """Share of a piece's volume that the solid fills where that piece stands for all of it."""
@@ -25,10 +26,13 @@ STEP = (0.0005, 0.03)
 """[m], and share of the largest radius, by which the radius may change along one cylinder; the larger counts."""
 SLICES, MAX_CYLINDERS = 120, 14
 THRESHOLD, MAX_HULLS, HULL_VERTICES, MAX_CORNERS = 0.06, 16, 48, 120
+MAX_PRISMS = 28
 BOXY = 1.35
 """Times its volume that the box around a thin hull may have to stand for it."""
 THINNEST = 3.2 * HULL_MARGIN
 """[m] that a hull must be thick for the physics to keep its margin inside of it."""
+SMOOTH = 5e-5
+"""[m] that a corner may stand out of a hull without it."""
 SAMPLES = 3000
 
 
@@ -55,9 +59,10 @@ def decompose(mesh: trimesh.Trimesh, turned: bool) -> Pieces:
         pieces = _cylinders(mesh)
         how = f"{len(pieces)} cylinders about its axis"
     if not pieces:
-        pieces, thick = _hulls(mesh)
+        parts, kind = _convex_parts(mesh)
+        pieces, thick = _hulls(parts)
         boxes = sum(isinstance(piece, CollisionBox) for piece in pieces)
-        how = f"{len(pieces) - boxes} convex hulls" + (f" and {boxes} boxes for thin ones" if boxes else "")
+        how = f"{len(pieces) - boxes} {kind}" + (f" and {boxes} boxes for thin ones" if boxes else "")
         how += f"; {thick} were thickened to {1000 * THINNEST:.1f} mm" if thick else ""
     outside, beyond = piece_errors(mesh, pieces)
     return Pieces(tuple(pieces), outside, beyond, how)
@@ -113,10 +118,17 @@ def _cylinders(mesh: trimesh.Trimesh) -> list[Piece]:
     return pieces if len(pieces) <= MAX_CYLINDERS and mesh.volume > (FULL - 0.05) * filled else []
 
 
-def _hulls(mesh: trimesh.Trimesh) -> tuple[list[Piece], int]:
-    """Hulls, thin ones as boxes where these fit, and how many had to be thickened."""
+def _convex_parts(mesh: trimesh.Trimesh) -> tuple[list[Array], str]:
+    """Corners of convex parts, and what they are in words."""
     whole = trimesh.convex.convex_hull(mesh)
-    parts = [np.asarray(whole.vertices)] if mesh.volume > FULL * whole.volume else _coacd(mesh)
+    if mesh.volume > FULL * whole.volume:
+        return [np.asarray(whole.vertices)], "convex hull"
+    straight = prism_pieces(mesh, MAX_PRISMS)
+    return (straight, "prisms") if straight else (_coacd(mesh), "convex hulls")
+
+
+def _hulls(parts: list[Array]) -> tuple[list[Piece], int]:
+    """Hulls, thin ones as boxes where these fit, and how many had to be thickened."""
     pieces: list[Piece] = []
     thick = 0
     for vertices in parts:
@@ -190,13 +202,19 @@ def _thick(vertices: Array) -> Array:
 
 
 def _few(vertices: Array) -> Array:
-    """The corners of a hull, at most MAX_CORNERS of them, each the farthest from those taken before."""
+    """The corners of a hull; of more than MAX_CORNERS those that keep nearly all of it.
+
+    From the outermost along the axes on, each next is the one that is farthest outside of those taken before.
+    """
     corners = vertices[ConvexHull(vertices, qhull_options="QJ").vertices]
     if len(corners) <= MAX_CORNERS:
         return np.array(corners)
-    taken = [int(np.argmax(np.linalg.norm(corners - corners.mean(axis=0), axis=1)))]
-    off = np.linalg.norm(corners - corners[taken[0]], axis=1)
-    while len(taken) < MAX_CORNERS:
-        taken.append(int(np.argmax(off)))
-        off = np.minimum(off, np.linalg.norm(corners - corners[taken[-1]], axis=1))
-    return np.array(corners[taken])
+    ends = np.unique([f(corners @ d) for d in np.vstack([np.eye(3), np.ones((1, 3))]) for f in (np.argmin, np.argmax)])
+    hull = ConvexHull(corners[ends], incremental=True, qhull_options="QJ")
+    for _ in range(MAX_CORNERS - len(ends)):
+        outside = (corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+        farthest = int(np.argmax(outside))
+        if outside[farthest] < SMOOTH:
+            break
+        hull.add_points(corners[farthest][None])
+    return np.array(hull.points[hull.vertices])

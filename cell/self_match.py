@@ -12,12 +12,13 @@ from scipy.spatial import cKDTree
 from cell.frames import Array, about_axis, apply, make_transform
 from cell.nearest import Nearest
 
-POINTS, COARSE, CORNERS = 3000, 300, 1500
+POINTS, COARSE, SCANNED, CORNERS = 3000, 300, 100, 1500
 PATCH = 10
 """Points of which the mean is taken; noise of a mesh goes there, and what is part of the shape stays."""
 NOISE = 5.0
 """Standard deviations within a patch up to which a single point may be noise."""
-STEPS = 8
+STEPS, STILL = 8, 1e-5
+"""Of registration at most, and the step in shares of the radius below which it has come to rest."""
 TRIMMED = 0.8
 """Of the points, nearest first, on which a turn is settled: what breaks a symmetry must not pull at its axis."""
 
@@ -55,7 +56,7 @@ class SelfMatch:
 
     def coarse(self, T: Array) -> float:
         """Mean distance [m] of a few points moved by T (4, 4)."""
-        return float(self._nearest.distances(apply(T, self._spread[:COARSE])).mean())
+        return float(self._nearest.distances(apply(T, self._spread[:SCANNED])).mean())
 
     def coarse_worst(self, T: Array) -> float:
         """Distance [m] that all but a fiftieth of a few points keep."""
@@ -87,4 +88,6 @@ class SelfMatch:
             angle = float(np.linalg.norm(step[:3]))
             turn = about_axis(step[:3] / angle, np.array(angle)) if angle > 1e-12 else np.eye(4)
             T = make_transform(t=step[3:]) @ turn @ T
+            if max(angle, float(np.abs(step[3:]).max()) / self.radius) < STILL:
+                break
         return T

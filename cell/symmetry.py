@@ -79,7 +79,7 @@ def _group(generators: list[Array]) -> Array:
         for a in frontier:
             for g in generators:
                 b = a @ g
-                if not any(np.abs(b - c).max() < 1e-6 for c in group):
+                if np.abs(np.asarray(group) - b).max(axis=(1, 2)).min() >= 1e-6:
                     group.append(b)
                     new.append(b)
         frontier = new

@@ -169,8 +169,7 @@ def _near(shape: SelfMatch, axes: list[Axis], R: Array, inertia: Array, symmetry
         if settled is None:
             continue
         match = _near_match(shape, settled, order)
-        exact = match.residual <= shape.tolerance  # one that d_x, d_y, d_z cannot express
-        if not exact and (match.residual <= CLOSE * shape.tolerance or match.share <= CONFUSING):
+        if match is not None and match.residual > shape.tolerance:  # else it is one that d_x, d_y, d_z cannot express
             found.append(NearTurn(R @ settled, order, match))
     found.sort(key=lambda n: (n.match.share, n.match.residual))
     kept: list[NearTurn] = []
@@ -190,13 +189,19 @@ def _is_own(turn: Array, own: Array, symmetry: Symmetry, direction: Array, order
     return order != 0 and bool((np.abs(own - turn).max(axis=(1, 2)) < 0.05).any())
 
 
-def _near_match(shape: SelfMatch, direction: Array, order: int) -> Match:
+def _near_match(shape: SelfMatch, direction: Array, order: int) -> Match | None:
+    """The worst match over the turns of an order; None where one of them would confuse nobody."""
     angles = ANY[:5] if order == 0 else [2 * np.pi / order * k for k in range(1, order // 2 + 1)]
-    turns = [about_axis(direction, np.array(a)) for a in angles]
-    if order:  # what breaks the symmetry moves the centre of mass, and so the axis; any turn would be turned back
-        turns = [shape.settle(T) for T in turns]
-    matches = [shape.measure(T) for T in turns]
-    return max(matches, key=lambda m: m.residual)
+    worst = Match(0.0, 0.0)
+    for angle in angles:
+        turn = about_axis(direction, np.array(angle))
+        if order:  # what breaks the symmetry moves the centre of mass, and so the axis; any turn would be turned back
+            turn = shape.settle(turn)
+        match = shape.measure(turn)
+        if match.residual > CLOSE * shape.tolerance and match.share > CONFUSING:
+            return None
+        worst = max(worst, match, key=lambda m: m.residual)
+    return worst
 
 
 def _within(order: int, other: int) -> bool:

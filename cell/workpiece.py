@@ -132,7 +132,11 @@ class Workpiece:
 
     def piece_boxes(self) -> list[tuple[Triple, Array]]:
         """Boxes that cover every collision piece: full edge lengths [m] and T_part_box (4, 4)."""
-        return [box for piece in self.pieces for box in covering_boxes(piece)]
+        return list(self._piece_boxes)
+
+    @cached_property
+    def _piece_boxes(self) -> tuple[tuple[Triple, Array], ...]:
+        return tuple(box for piece in self.pieces for box in covering_boxes(piece))
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:

@@ -8,7 +8,8 @@ saveState/restoreState is not exact for compound shapes, and a bad body id is ig
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -154,6 +155,15 @@ class World:
         self.workpieces.append(workpiece)
         self._T_part_inertial.append(T_part_inertial)
         return len(self.parts) - 1
+
+    @contextmanager
+    def weightless(self) -> Iterator[None]:
+        """Without gravity for a while: what is let go in the air stays there."""
+        self.client.setGravity(0, 0, 0)
+        try:
+            yield
+        finally:
+            self.client.setGravity(0, 0, -GRAVITY)
 
     def place_part(self, index: int, T_world_part: Array) -> None:
         """Teleport a workpiece at rest (filling the bin only; never during a pick)."""

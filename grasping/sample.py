@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -32,7 +31,7 @@ TOUCH = 3e-4  # [m] within which surface touches a pad
 FACING = 0.95  # cosine of the angle at which surface still carries a pad
 LEAST_AREA = 30e-6  # [m2] under each pad
 FREEFORM = (float(np.cos(np.deg2rad(15.0))), 6e-6)
-"""The same two where nothing has parallel faces: still inside the cone of friction 0.3, and as much as a pad meets of a
+"""The same two for curved faces: still inside the cone of friction 0.3, and as much as a pad meets of a
 ball of 10 mm radius within TOUCH."""
 INTO = 5e-5  # [m] that the gripper may go into the workpiece, for the sampling of its surface
 SPACING = 0.010  # [m] between proposals that grip along the same direction
@@ -58,20 +57,16 @@ class _Surface:
 def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.Generator) -> list[GraspPoint]:
     """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
 
-    One function proposes for each kind of gripper: `jaw_proposals`, with `freeform_proposals` where these find nothing,
-    and `pad_proposals` for cups and magnets.
+    One function proposes for each kind of gripper: `jaw_proposals` and then `freeform_proposals`, which finds what
+    teeth and curved faces offer, or `pad_proposals` for cups and magnets.
 
     Raises:
         InputError: another kind of gripper.
     """
     kind, alike = ("jaw", _alike) if isinstance(gripper, ParallelJaw) else ("face", _beside)
+    proposals: Iterator[GraspPoint]
     if isinstance(gripper, ParallelJaw):
-        proposals = jaw_proposals(workpiece, gripper, rng)
-        first = next(proposals, None)
-        if first is None:  # these have one approach each, not an arc of them
-            proposals, alike = freeform_proposals(workpiece, gripper, rng), partial(_alike, same_side=0.85)
-        else:
-            proposals = chain([first], proposals)
+        proposals = chain(jaw_proposals(workpiece, gripper, rng), freeform_proposals(workpiece, gripper, rng))
     elif isinstance(gripper, PadGripper):
         proposals = pad_proposals(workpiece, gripper, rng)
     else:
@@ -89,16 +84,12 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
 def jaw_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
     """Antipodal grasps of a parallel jaw, each with the range of approaches for which the gripper has room.
 
-    On a freeform workpiece, which has no parallel faces, faces that look less straight at each other will do.
+    Those with much of parallel faces under the pads come first, then those whose faces look less straight at each other
+    or are curved.
     """
     seed = int(rng.integers(2**31))
-    found = False
     for opposed, area in ((OPPOSED, LEAST_AREA), FREEFORM):
-        for point in _jaw_proposals(workpiece, gripper, seed, opposed, area):
-            found = True
-            yield point
-        if found:
-            return
+        yield from _jaw_proposals(workpiece, gripper, seed, opposed, area)
 
 
 def _jaw_proposals(
@@ -205,24 +196,20 @@ def _point(centre: Array, closing: Array, width: float, angle_deg: float, turn: 
     )
 
 
-def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece, same_side: float = 0.5) -> bool:
+def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
     """Both grip nearly the same spot from the same side, symmetry considered.
 
-    Args:
-        same_side: cosine of the angle between the approaches above which it is the same side.
+    One approach without an arc of them says less about its neighbours.
     """
-    for S in workpiece.symmetry.rotations():
-        near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
-        along = abs((S @ np.asarray(a.closing)) @ b.closing) > 0.9
-        if near and along and (S @ np.asarray(a.approach)) @ b.approach > same_side:
-            return True
-    return False
+    same_side = 0.5 if a.tool_rotation != Turn() else 0.85
+    S = workpiece.symmetry.rotations()
+    near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre, axis=1) < SPACING
+    along = np.abs((S @ np.asarray(a.closing)) @ np.asarray(b.closing)) > 0.9
+    return bool((near & along & ((S @ np.asarray(a.approach)) @ np.asarray(b.approach) > same_side)).any())
 
 
 def _beside(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
     """Both lie on nearly the same spot of the same side, symmetry considered."""
-    for S in workpiece.symmetry.rotations():
-        near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre) < SPACING
-        if near and (S @ np.asarray(a.approach)) @ b.approach > 0.9:
-            return True
-    return False
+    S = workpiece.symmetry.rotations()
+    near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre, axis=1) < SPACING
+    return bool((near & ((S @ np.asarray(a.approach)) @ np.asarray(b.approach) > 0.9)).any())

@@ -8,43 +8,91 @@ look straight enough at each other to hold by friction.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 
 from cell.frames import Array, about_axis, apply, invert, make_transform
 from cell.jaw import ParallelJaw
+from cell.resting import resting_poses
 from cell.workpiece import Workpiece
-from grasping.grasp_points import OPENING_MARGIN, GraspPoint
+from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
 
 CONE = float(np.cos(np.deg2rad(20.0)))  # of each touching place; friction of 0.4 holds up to 22 degrees
 TOUCH = 0.0004  # [m] from the outermost point within which surface touches a pad
+FLANK = 0.7
+"""Cosine of the angle at which surface near the outermost point is the side of a tooth or step and touches no pad."""
 BESIDE = 0.003  # [m] between the middles of the two places across the closing direction: more would turn the workpiece
 INTO = 1e-4  # [m] that the gripper may go into the workpiece, for the sampling of its surface
 STEP_DEG = 30.0
+ARC_DEG, MOST_DEG = 15.0, 45.0
+"""Steps, and the most, by which an approach may turn about its closing direction while the grip stays the same."""
 DEPTH = 0.006  # [m] that the tips go past the middle of the grip
-MAX_TILT_DEG = 60.0  # one approach each, not an arc of them: it may lean more
-DIRECTIONS, SAMPLES = 1000, 6000
+MAX_TILT_DEG = 60.0  # few approaches each: they may lean more
+DIRECTIONS, SAMPLES = 500, 6000
+ABOVE_DEG, CENTRES = 5.0, 4
+"""Between closing directions of grips from straight above, and how many middles are tried for each."""
 
 
 def freeform_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
-    """Grasps across the workpiece near its centre of mass, those whose places look straightest at each other first."""
+    """Grasps across the workpiece near its centre of mass.
+
+    First from straight above the workpiece in its ways of lying, the likeliest first, then from anywhere; within each
+    those whose places look straightest at each other first.
+    """
     points, normals = workpiece.sample_surface(SAMPLES, seed=int(rng.integers(2**31)))
-    found: list[tuple[float, Array, float]] = []
+    for grips in chain(_from_above(workpiece, rng), [_from_anywhere(workpiece, rng)]):
+        found = [closed for T in grips if (closed := _close(T, gripper, points, normals)) is not None]
+        for _, T_part_grip, width in sorted(found, key=lambda row: -row[0]):
+            plain = [[round(float(x), 6) + 0.0 for x in v] for v in T_part_grip[:3, [3, 2, 0]].T]
+            low, high, width = _arc(T_part_grip, width, gripper, points, normals)
+            yield GraspPoint.model_validate(
+                {"name": "proposed", "centre": plain[0], "approach": plain[1], "closing": plain[2], "width": width}
+                | {"depths": (DEPTH,), "max_tilt_deg": MAX_TILT_DEG}
+                | {"tool_rotation": Turn(from_deg=low, to_deg=high, step_deg=ARC_DEG)}
+            )
+
+
+def _from_above(workpiece: Workpiece, rng: np.random.Generator) -> Iterator[Iterator[Array]]:
+    """For each way of lying poses T_part_grip (4, 4) that look down, at the centre of mass and near it."""
+    offsets = [np.zeros(3), *(_beside(workpiece, rng) for _ in range(CENTRES - 1))]
+    for resting in resting_poses(workpiece.mesh, workpiece.symmetry):
+        x, y, up = resting.T_plane_part[:3, :3]
+        closings = [np.cos(a) * x + np.sin(a) * y for a in np.deg2rad(np.arange(0.0, 180.0, ABOVE_DEG))]
+        yield (_grip(closing, -up, workpiece, off) for off in offsets for closing in closings)
+
+
+def _from_anywhere(workpiece: Workpiece, rng: np.random.Generator) -> Iterator[Array]:
+    turns = about_axis((1, 0, 0), np.deg2rad(np.arange(0.0, 360.0, STEP_DEG)))
     for _ in range(DIRECTIONS):
         closing, approach = np.linalg.qr(rng.standard_normal((3, 2)))[0].T
-        centre = workpiece.com + rng.uniform(-0.15, 0.15, 3) * workpiece.extents
-        R = np.stack([closing, np.cross(approach, closing), approach], axis=1)
-        for turn in np.deg2rad(np.arange(0.0, 360.0, STEP_DEG)):
-            T_part_grip = make_transform(R, centre) @ about_axis((1, 0, 0), turn)
-            closed = _close(T_part_grip, gripper, points, normals)
-            if closed is not None:
-                found.append(closed)
-    for _, T_part_grip, width in sorted(found, key=lambda row: -row[0]):
-        plain = [[round(float(x), 6) + 0.0 for x in v] for v in T_part_grip[:3, [3, 2, 0]].T]
-        yield GraspPoint.model_validate(
-            {"name": "proposed", "centre": plain[0], "approach": plain[1], "closing": plain[2], "width": width}
-            | {"depths": (DEPTH,), "max_tilt_deg": MAX_TILT_DEG}
-        )
+        yield from _grip(closing, approach, workpiece, _beside(workpiece, rng)) @ turns
+
+
+def _beside(workpiece: Workpiece, rng: np.random.Generator) -> Array:
+    return rng.uniform(-0.15, 0.15, 3) * workpiece.extents
+
+
+def _grip(closing: Array, approach: Array, workpiece: Workpiece, beside: Array) -> Array:
+    """T_part_grip (4, 4) beside the centre of mass."""
+    return make_transform(np.stack([closing, np.cross(approach, closing), approach], axis=1), workpiece.com + beside)
+
+
+def _arc(
+    T_part_grip: Array, width: float, gripper: ParallelJaw, points: Array, normals: Array
+) -> tuple[float, float, float]:
+    """How far [deg] the approach may turn about the closing direction either way, and the largest width [m] then."""
+    ends = []
+    for side in (-1, 1):
+        reached = 0.0
+        for angle in np.arange(ARC_DEG, MOST_DEG + 1e-6, ARC_DEG):
+            turn = about_axis((1, 0, 0), np.deg2rad(side * angle))
+            closed = _close(T_part_grip @ turn, gripper, points, normals)
+            if closed is None or np.linalg.norm(closed[1][:3, 3] - T_part_grip[:3, 3]) > BESIDE / 2:
+                break
+            reached, width = float(angle), max(width, closed[2])
+        ends.append(side * reached)
+    return ends[0], ends[1], width
 
 
 def _close(
@@ -61,7 +109,9 @@ def _close(
     places, straight = [], 1.0
     for side in (-1.0, 1.0):
         out = side * p_on[:, 0]
-        touching = out > out.max() - TOUCH
+        touching = (out > out.max() - TOUCH) & (side * n_on[:, 0] > FLANK)
+        if not touching.any():
+            return None
         places.append(p_on[touching].mean(axis=0))
         straight = min(straight, float((side * n_on[touching, 0]).mean()))
     width = float(np.ptp(p_on[:, 0])) + 2 * INTO

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import shutil
 import time
 from pathlib import Path
 
@@ -125,7 +126,11 @@ def _line(row: dict[str, float]) -> str:
 def _init_path(name: str, variant: str) -> Path:
     if name.endswith(".safetensors"):
         return Path(name)
-    workpiece = load_workpiece(name)
+    return weights_of(load_workpiece(name), variant)
+
+
+def weights_of(workpiece: Workpiece, variant: str) -> Path:
+    """Where the weights of a variant of the network are looked for."""
     return weights_path(workpiece) if variant == "ps6d" else variant_path(workpiece, variant)
 
 
@@ -186,4 +191,14 @@ def main_train(args: argparse.Namespace) -> int:
     console = Console()
     path = train(workpiece, config, out, args.resume, console, command_line(args), given)
     console.print(f"weights: {path}\ncurves:  {out / 'curves.png'}")
+    console.print(put_to_use(path, weights_of(workpiece, args.variant)), soft_wrap=True)
     return 0
+
+
+def put_to_use(path: Path, used: Path) -> str:
+    """Copy weights to where the other commands read them, unless others are there; what was done in words."""
+    if used.exists():
+        return f"in use stay {used}; to use the new ones: cp {path} {used}"
+    used.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(path, used)
+    return f"in use: {used}"

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from cell.frames import Array
+from cell.frames import Array, about_axis, invert, make_transform
+from cell.jaw import ParallelJaw
+from cell.resting import resting_poses
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.candidates import GraspCandidate, select
@@ -18,6 +20,10 @@ from grasping.ranking import GraspingConfig
 from scenarios.grasp_trial import FREE, TrialCell, robust_share
 
 NOTHING = np.zeros((0, 3))
+IN_THE_AIR = 0.5
+"""[m] over the table at which a grasp is tried that no way of lying allows."""
+NOVELTY = 0.02
+"""Weight of an approach unlike those before against the probability of a way of lying."""
 
 
 def check_grasp_points(
@@ -56,6 +62,31 @@ def tried(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint], 
     return sorted(kept, key=lambda p: -p.robustness)
 
 
+def in_order_of_use(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint]) -> list[GraspPoint]:
+    """Grasp points in another order: first those that serve a way of lying which none before serves as well.
+
+    A point serves a way of lying where the gripper can go there. Each next point is the one that adds most of the
+    probability of ways that have the fewest points so far; among those that add nothing, the one whose approach is
+    farthest from all before.
+    """
+    resting = resting_poses(workpiece.mesh, workpiece.symmetry)
+    chance = np.array([r.probability for r in resting])
+    serves = np.array(
+        [[isinstance(best_candidate(p, r.T_plane_part, workpiece, gripper), GraspCandidate) for r in resting]
+         for p in points], dtype=bool,
+    ).reshape(len(points), len(resting))  # fmt: skip
+    approaches = np.array([p.approach for p in points]).reshape(-1, 3)
+    images = np.einsum("sij,nj->sni", workpiece.symmetry.rotations(), approaches)
+    nearness = np.einsum("sni,mi->snm", images, approaches).max(axis=0)
+    left, order, served, near = list(range(len(points))), [], np.zeros(len(resting)), np.full(len(points), -1.0)
+    while left:
+        gains = serves[left] @ (chance / (1 + served)) - NOVELTY * near[left]
+        best = left.pop(int(np.argmax(gains)))
+        order.append(points[best])
+        served, near = served + serves[best], np.maximum(near, nearness[best])
+    return order
+
+
 def best_candidate(
     point: GraspPoint, T_world_part: Array, workpiece: Workpiece, gripper: Gripper
 ) -> GraspCandidate | str:
@@ -89,14 +120,14 @@ def _cell(row: dict[str, Any]) -> str:
 
 
 def lying(
-    point: GraspPoint, resting: Array, workpiece: Workpiece, gripper: Gripper
+    point: GraspPoint, resting: Array, workpiece: Workpiece, gripper: Gripper, turned: bool = True
 ) -> Iterator[tuple[int, GraspCandidate]]:
     """Index of each resting pose (k, 4, 4) that leaves the gripper room for a grasp, and its best candidate there.
 
-    A workpiece whose grasp looks sideways or up in all its resting poses is turned in thought: the limit on tilt is
+    A workpiece whose grasp looks sideways or up in all its resting poses is `turned` in thought: the limit on tilt is
     lifted, so that the grasp is tried before it is thrown away; in a heap workpieces lie in all ways.
     """
-    for loose in (point, _leaning(point)):
+    for loose in (point, _leaning(point)) if turned else (point,):
         found = [(k, best_candidate(loose, T, workpiece, gripper)) for k, T in enumerate(resting)]
         with_room = [(k, best) for k, best in found if isinstance(best, GraspCandidate)]
         if with_room:
@@ -105,10 +136,21 @@ def lying(
 
 
 def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
-    """Share of pose errors under which the grasp holds, in the likeliest resting pose that leaves the gripper room."""
-    for k, best in lying(point, resting, cell.workpiece, cell.gripper):
+    """Share of pose errors under which the grasp holds, in the likeliest resting pose that leaves the gripper room.
+
+    Where a workpiece's grasp looks sideways or up in all its resting poses, jaws grip it in the air, upright under the
+    gripper and without weight until it is gripped: in a heap workpieces lie in all ways.
+    """
+    jaws = isinstance(cell.gripper, ParallelJaw)
+    for k, best in lying(point, resting, cell.workpiece, cell.gripper, turned=not jaws):
         return robust_share(cell, resting[k], best.T_world_tool, best.opening)
-    return 0.0
+    if not jaws:
+        return 0.0
+    poses = expand((point,), cell.workpiece)
+    first = int(np.argmin(poses.depth_rank + poses.offset))
+    T_world_tool = make_transform(t=(0.0, 0.0, IN_THE_AIR)) @ about_axis((1, 0, 0), np.array(np.pi))
+    T_world_part = T_world_tool @ invert(poses.Ts_part_tool[first])
+    return robust_share(cell, T_world_part, T_world_tool, float(poses.openings[first]), afloat=True)
 
 
 def _leaning(point: GraspPoint) -> GraspPoint:

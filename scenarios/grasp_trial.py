@@ -7,6 +7,7 @@ acceleration of a transfer. What is still between the fingers then is held.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import product
 
@@ -76,13 +77,18 @@ class TrialCell:
                 found.append(pose)
         return np.asarray(found).reshape(-1, 4, 4)
 
-    def try_grasp(self, T_world_part: Array, T_world_tool: Array, opening: float) -> Trial:
-        """Grip the workpiece that lies at T_world_part with the TCP at T_world_tool, lift and shake it."""
+    def try_grasp(self, T_world_part: Array, T_world_tool: Array, opening: float, afloat: bool = False) -> Trial:
+        """Grip the workpiece that lies at T_world_part with the TCP at T_world_tool, lift and shake it.
+
+        Args:
+            afloat: it weighs nothing until it is gripped, and may be anywhere in the air.
+        """
         before = self._joints(T_world_tool @ make_transform(t=(0.0, 0.0, -BEFORE)))
         self.arm.reset(before, opening if isinstance(self.gripper, ParallelJaw) else None)
-        self.world.place_part(0, T_world_part)
-        self._line(T_world_tool)
-        taken = grip(self.world, self.arm)
+        with self.world.weightless() if afloat else nullcontext():
+            self.world.place_part(0, T_world_part)
+            self._line(T_world_tool)
+            taken = grip(self.world, self.arm)
         if taken.parts != (0,):
             return Trial(False, 0.0, 0.0, ", ".join(sorted({f for f in taken.faces if f})) or "closed on nothing")
         T_tool_part = invert(self.arm.tool_pose()) @ self.world.part_pose(0)
@@ -114,7 +120,7 @@ def pose_errors(shift: float = SHIFT, turn: float = TURN) -> Array:
 
 
 def try_errors(
-    cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float, errors: Array
+    cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float, errors: Array, afloat: bool = False
 ) -> Iterator[Trial]:
     """A grasp tried as if the workpiece's pose were estimated with each of the `errors` (n, 4, 4), in their order.
 
@@ -122,9 +128,12 @@ def try_errors(
     """
     T_world_com = T_world_part @ make_transform(t=cell.workpiece.com)
     for error in errors:
-        yield cell.try_grasp(T_world_part, T_world_com @ error @ invert(T_world_com) @ T_world_tool, opening)
+        yield cell.try_grasp(T_world_part, T_world_com @ error @ invert(T_world_com) @ T_world_tool, opening, afloat)
 
 
-def robust_share(cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float) -> float:
+def robust_share(
+    cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float, afloat: bool = False
+) -> float:
     """Share of pose errors, about the centre of mass, under which a grasp still holds."""
-    return float(np.mean([t.held for t in try_errors(cell, T_world_part, T_world_tool, opening, pose_errors())]))
+    trials = try_errors(cell, T_world_part, T_world_tool, opening, pose_errors(), afloat)
+    return float(np.mean([trial.held for trial in trials]))

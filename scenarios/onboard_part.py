@@ -24,7 +24,7 @@ from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint
 from grasping.sample import propose
-from scenarios.grasp_check import tried
+from scenarios.grasp_check import in_order_of_use, tried
 from scenarios.onboard_propose import Choice, Heap, propose_cell, propose_heap, rank_grippers
 
 MATERIALS: dict[str, tuple[float, float, bool]] = {
@@ -47,7 +47,7 @@ TOLERANCE = (0.005, 0.1)
 """T_e: [m], and share of the longest side, of which the smaller counts."""
 SMALL = 0.015
 """Of the longest side, up to which a difference counts as none however noisy the camera is."""
-BATCH, ENOUGH, GRIPPERS = 3, 5, 4
+PROPOSED, BATCH, ENOUGH, GRIPPERS = 24, 3, 12, 4
 SECONDS = 75.0
 """[s] of processor time for grasps, after which those that hold will do."""
 
@@ -172,7 +172,9 @@ def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) ->
     best: tuple[Choice, list[GraspPoint]] | None = None
     candidates = [c for c in rank_grippers(workpiece, heap.bin_inner[2]) if c.fits]
     for choice in candidates[:GRIPPERS]:
-        proposed = propose(workpiece, choice.gripper, 4 * BATCH, np.random.default_rng(0))
+        proposed = in_order_of_use(
+            workpiece, choice.gripper, propose(workpiece, choice.gripper, PROPOSED, np.random.default_rng(0))
+        )
         held: list[GraspPoint] = []
         for start in range(0, len(proposed), BATCH):
             held += tried(workpiece, choice.gripper, proposed[start : start + BATCH])

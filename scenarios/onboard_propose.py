@@ -22,14 +22,16 @@ from robots.model import load_robot
 from scenarios.scenario import BinConfig, robots
 from scenarios.slots import slots_in
 
-LONGEST = (0.01, 0.056, 0.083, 0.145, 0.216, 0.30, 0.436, 1.304)
-BIN_LENGTH = (0.12, 0.24, 0.33, 0.45, 0.53, 0.76, 0.80, 1.46)
-"""[m] of the longest side of workpieces, and of their bins."""
+LONGEST = (0.01, 0.03, 0.056, 0.083, 0.145, 0.216, 0.30, 0.436, 1.304)
+BIN_LENGTH = (0.16, 0.22, 0.24, 0.33, 0.45, 0.53, 0.76, 0.80, 1.46)
+"""[m] of the longest side of workpieces, and of their bins, in which a gripper must have room beside small ones."""
 SEEN_LENGTH = (0.12, 0.22, 0.26, 0.45, 0.52, 0.78, 1.46)
 DISTANCE = (0.55, 0.70, 0.85, 0.95, 1.00, 1.12, 1.15)
 """[m] of bins, and of the camera over them."""
 PACKED = 0.4
 """Share of the bin's volume that the bounding boxes of a full heap take."""
+FLOOR = 0.6
+"""Of the floor that the workpieces of a scenario would cover if all lay flat: fingers need room beside each."""
 SAFETY, PULL = 2.0, 12.0
 """Over the weight, and [m/s2] of lift and transfer."""
 SITES: dict[str, dict[str, Any]] = {
@@ -65,9 +67,10 @@ def propose_heap(extents: np.ndarray) -> Heap:
     depth = round(min(1.2 * middle + 0.055, 0.22), 2)
     most = int(np.clip(PACKED * length * width * depth / (thin * middle * longest), 4, 40))
     distance = round(float(np.interp(length, SEEN_LENGTH, DISTANCE)), 2)
+    filled = most * thin * middle * longest / (length * width * depth)
     reason = (
         f"{1000 * longest:.0f} mm long: a bin {length / longest:.1f} times as long, which {most} parts fill to "
-        f"{100 * PACKED:.0f} %; the camera {distance:.2f} m over the floor sees the whole of it at "
+        f"{100 * filled:.0f} %; the camera {distance:.2f} m over the floor sees the whole of it at "
         f"{1000 * max(length, width * 4 / 3) * 1.15 / 640:.2f} mm a pixel"
     )
     return Heap((length, width, depth), (max(most // 3, 3), most), distance, reason)
@@ -99,7 +102,7 @@ def _judge(gripper: Gripper, workpiece: Workpiece, bin_depth: float) -> tuple[fl
                                f"{1000 * thin:.0f} mm thick")  # fmt: skip
         if hold < need:
             return 9.0, Choice(gripper, False, f"holds {hold:.0f} N by friction of {need:.0f} N needed")
-        short = bin_depth > gripper.finger_size[2] + 0.02
+        short = bin_depth > gripper.finger_size[2]
         round_one = workpiece.symmetry.infinite_axis is not None
         rank = 1.0 * short + (0.5 if (gripper.groove is not None) != round_one else 0.0) + 0.1 * gripper.mass
         reason = f"opens {1000 * gripper.max_opening:.0f} mm, holds {hold:.0f} N by friction of {need:.0f} N needed"
@@ -124,8 +127,11 @@ def propose_cell(workpiece: Workpiece, gripper: Gripper, heap: Heap) -> tuple[di
     else:
         return {}, {"robot": f"no shipped arm carries {load:.1f} kg over a bin of {heap.bin_inner[0]:.2f} m"}
     length, width, _ = heap.bin_inner
-    count = max(1, min(round(0.7 * heap.count[1]), 30))
+    _, middle, longest = (float(e) for e in np.sort(workpiece.extents))
+    lying = int(FLOOR * length * heap.bin_inner[1] / (middle * longest))
+    count = max(1, min(round(0.7 * heap.count[1]), max(lying, heap.count[0]), 30))
     place, count = _place_bin(workpiece, site, count)
+    covered = count * middle * longest / (length * width)
     wall = round(max(0.006, 0.02 * length), 4)
     eye = [site["source"], 0.0, round(OVER + heap.camera_distance, 3)]
     fov = 2 * math.degrees(math.atan(max(length, width * 4 / 3) / 2 * 1.15 / heap.camera_distance))
@@ -147,7 +153,8 @@ def propose_cell(workpiece: Workpiece, gripper: Gripper, heap: Heap) -> tuple[di
         "robot": f"{robot}: part and gripper weigh {load:.2f} kg of {model.payload:.0f} kg, and its reach of "
         f"{model.reach:.2f} m covers a bin of {length:.2f} m",
         "place bin": f"{place[0]:.2f} x {place[1]:.2f} m has a slot for each of {count} parts",
-        "count": f"{count} of at most {heap.count[1]} that the heaps for perception have",
+        "count": f"{count}, which lying flat would cover {100 * covered:.0f} % of the floor: fingers need room beside "
+        f"each; heaps for perception have {heap.count[1]} at most",
     }
     return fields, reasons
 

@@ -169,3 +169,16 @@ def _nearly() -> Iterator[Shape]:
 
 def _solid(corners: Array) -> trimesh.Trimesh:
     return trimesh.convex.convex_hull(0.03 * corners)
+
+
+def own_parts() -> dict[str, m3.Manifold]:
+    """The parts in [mm] that docs/onboarding.md takes from a CAD file to a pick rate; no shipped workpiece is alike."""
+    return {"sprocket": gear(17, 2.0, 12, slant=0.2, hub=True), "angle": bent_sheet(), "knobble": pebble()}
+
+
+if __name__ == "__main__":  # python -m tests.cell.part_shapes FOLDER
+    import sys
+    from pathlib import Path
+
+    for name, body in own_parts().items():
+        mesh_of(body).apply_scale(1000).export(Path(sys.argv[1]) / f"{name}.stl")

@@ -8,11 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from block import write_block
+from scipy.spatial import ConvexHull
 
 from cell.bin import table
 from cell.errors import InputError
 from cell.frames import apply, from_rpy, invert, make_transform
-from cell.pieces import CollisionBox, CollisionCylinder, CollisionHull, Piece, bounds, enclosing_box
+from cell.pieces import (
+    CUTS,
+    LARGE,
+    CollisionBox,
+    CollisionCylinder,
+    CollisionHull,
+    Piece,
+    bounds,
+    covering_boxes,
+    enclosing_box,
+)
 from cell.workpiece import load_workpiece
 from cell.world import World
 
@@ -64,6 +75,41 @@ def test_bounds_and_enclosing_box_are_tight(piece: Piece) -> None:
 def test_a_hull_without_its_margin_is_offset_on_every_face() -> None:
     inner = CollisionHull(BLOCK_HULL).without_margin(0.001)
     np.testing.assert_allclose(inner, BLOCK_HULL * (np.array([0.038, 0.028, 0.018]) / [0.04, 0.03, 0.02]), atol=1e-12)
+
+
+def test_a_sharp_edge_keeps_its_margin_too() -> None:
+    """Two corners 1 mm apart cannot both move 1 mm inward: what stays is a margin inside of every face, and no less."""
+    wedge = CollisionHull(np.array([[x, s * w, z] for x in (-0.01, 0.01) for s in (-1, 1)
+                                    for w, z in ((0.004, 0.0), (0.0002, 0.012))]))  # fmt: skip
+    inner = wedge.without_margin(0.001)
+    planes = ConvexHull(wedge.vertices).equations
+    depth = -(inner @ planes[:, :3].T + planes[:, 3])
+    assert depth.min() == pytest.approx(0.001, abs=1e-9)
+    np.testing.assert_allclose(
+        np.sort(depth.min(axis=0))[:-2], 0.001, atol=1e-9
+    )  # all faces but the tip's two triangles
+    with pytest.raises(ValueError, match="thinner"):
+        CollisionHull(wedge.vertices * (1, 0.25, 1)).without_margin(0.001)
+
+
+def test_boxes_around_a_large_hull_stay_near_it() -> None:
+    """A held ball in one box could not be put down: its corners would go through the floor."""
+    rng = np.random.default_rng(1)
+    ball = rng.standard_normal((120, 3))
+    hull = CollisionHull(np.array([0.025, 0.017, 0.013] * ball / np.linalg.norm(ball, axis=1, keepdims=True)))
+    boxes = covering_boxes(hull)
+    assert 8 <= len(boxes) <= 2**CUTS
+    planes = ConvexHull(hull.vertices).equations
+    weights = rng.dirichlet(np.full(120, 0.05), 2000)  # anywhere in it, corners included
+    inside = np.zeros(2000, dtype=bool)
+    for size, T_part_box in boxes:
+        inside |= (np.abs(apply(invert(T_part_box), weights @ hull.vertices)) <= np.asarray(size) / 2 + 1e-9).all(
+            axis=1
+        )
+        corners = apply(T_part_box, CORNERS * size)
+        assert (corners @ planes[:, :3].T + planes[:, 3]).max() <= 0.75 * LARGE
+    assert inside.all()
+    assert sum(np.prod(size) for size, _ in boxes) < 0.8 * np.prod(enclosing_box(hull)[0])
 
 
 @pytest.mark.parametrize("kind", ["boxes", "cylinders", "hulls", "hulls and a box"])

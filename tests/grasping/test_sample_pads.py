@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 
 from cell.gripper import load_gripper
+from cell.jaw import ParallelJaw
 from cell.pads import PadGripper
 from cell.probe import probe_part
 from cell.suction import VacuumGripper
+from cell.symmetry import Symmetry
 from cell.workpiece import load_workpiece
 from cell.world import GRAVITY
 from grasping.grasp_points import expand
 from grasping.sample import SPACING, propose
+from grasping.sample_freeform import freeform_proposals
 from grasping.sample_pads import LIFTED, PRESS, worst_use
+from tests.cell.part_shapes import gear, mesh_of
 from tests.cell.solids import block, drilled, rod
 
 CUP, MAGNET = load_gripper("cup_20"), load_gripper("magnet_20")
@@ -51,7 +55,8 @@ def test_the_use_is_that_of_the_cups_limits() -> None:
     np.testing.assert_allclose(worst_use(PLATE, CUP, T), wanted, rtol=1e-6)
 
 
-def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds() -> None:
+def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("grasping.sample_pads.SPOTS", 300)
     rng = np.random.default_rng
     holed = propose(drilled((0.10, 0.08, 0.01), 0.1, 0.008, 0.2), CUP, 4, rng(0))  # one hole in the middle
     assert holed and min(np.linalg.norm(p.centre[:2]) for p in holed) > 0.010 + 0.004 - 0.002  # it would leak
@@ -76,3 +81,17 @@ def test_a_freeform_workpiece_gets_grasps_of_a_jaw(monkeypatch: pytest.MonkeyPat
             room = (np.abs(p - box.T_world_box[:3, 3]) - np.asarray(box.size) / 2).max(axis=1)
             assert room.min() > -3e-4
             assert (room < 5e-4).any()
+
+
+def test_teeth_are_gripped_from_straight_above(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A gear that lies on a face: jaws across its teeth, one tooth against the gap of two, from either side."""
+    monkeypatch.setattr("grasping.sample_freeform.DIRECTIONS", 0)
+    made = mesh_of(gear(17))
+    plain = block((0.038, 0.038, 0.012), 0.08)
+    wheel = replace(plain, vertices=made.vertices, faces=made.faces, symmetry=Symmetry((180.0, 0.0, 360 / 17)))
+    jaw = load_gripper("jaw_long")
+    assert isinstance(jaw, ParallelJaw)
+    points = list(freeform_proposals(wheel, jaw, np.random.default_rng(0)))
+    down = [p for p in points if abs(p.approach[2]) > 0.999]
+    assert down and all(abs(p.closing[2]) < 1e-6 for p in down)
+    assert all(0.0365 < p.width < 0.0385 for p in down)  # root circle 29 mm, tip circle 38 mm

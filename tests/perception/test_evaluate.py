@@ -22,10 +22,19 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "bracket", "--frames", "2", "--out", "result"]) == 0
-    assert "evaluation.html" in capsys.readouterr().out.replace("\n", "")
-    data = json.loads((here / "result" / "evaluation.json").read_text())
+@pytest.fixture(scope="module")
+def in_one_process(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `pickproof evaluate` leaves of two frames."""
+    folder = tmp_path_factory.mktemp("evaluated")
+    fill_folder(folder / "out" / "heaps", HELD_OUT_SEED, 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["evaluate", "bracket", "--frames", "2", "--out", "result"]) == 0
+    return folder / "result"
+
+
+def test_two_frames_of_the_shipped_weights(in_one_process: Path) -> None:
+    data = json.loads((in_one_process / "evaluation.json").read_text())
     assert data["workpiece"] == "bracket"
     assert data["weights"] == file_hash(weights_path(bracket()))
     assert set(data["methods"]) >= {"ps6d", "ps6d_refined"}
@@ -40,32 +49,31 @@ def test_two_frames_of_the_shipped_weights(here: Path, capsys: pytest.CaptureFix
     assert refined["f1_inst"] > 80
     assert refined["median_mm"] < 1000 * bracket().tolerance / 2
     assert refined["median_mm"] < data["methods"]["ps6d"]["median_mm"]
-    picture = cv2.imread(str(here / "result" / "evaluation.png"))
+    picture = cv2.imread(str(in_one_process / "evaluation.png"))
     assert picture is not None and picture.std() > 10
-    with (here / "result" / "instances.csv").open() as file:
+    with (in_one_process / "instances.csv").open() as file:
         instances = list(csv.DictReader(file))
     assert len(instances) == sum(len(heap) for heap in small_heaps()[:2])
     assert sum(row["count"] for row in data["recall_by_visibility"]) == len(instances)
     assert data["calibration"]["standing"]["bins"]
-    page = (here / "result" / "evaluation.html").read_text()
+    page = (in_one_process / "evaluation.html").read_text()
     assert f"{refined['f1_inst']:.2f}" in page and page.count("data:image/png;base64,") == 2 + 4
     assert "<script" not in page and 'src="http' not in page
 
 
 def test_json_alone_on_stdout_and_the_same_for_any_number_of_workers(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, in_one_process: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = []
-    for workers in ("1", "2"):
-        assert main(["evaluate", "bracket", "--frames", "2", "--workers", workers, "--json", "--out", workers]) == 0
-        data = json.loads(capsys.readouterr().out)
-        assert data == json.loads((here / workers / "evaluation.json").read_text())
-        del data["command"]
-        for method in data["methods"].values():
+    assert main(["evaluate", "bracket", "--frames", "2", "--workers", "2", "--json", "--out", "two"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data == json.loads((here / "two" / "evaluation.json").read_text())
+    alone = json.loads((in_one_process / "evaluation.json").read_text())
+    for found in (data, alone):
+        del found["command"]
+        for method in found["methods"].values():
             del method["seconds_per_frame"]
-        found.append(data)
-    assert found[0] == found[1]
-    assert (here / "1" / "instances.csv").read_bytes() == (here / "2" / "instances.csv").read_bytes()
+    assert data == alone
+    assert (here / "two" / "instances.csv").read_bytes() == (in_one_process / "instances.csv").read_bytes()
 
 
 @pytest.mark.parametrize(

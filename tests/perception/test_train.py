@@ -15,6 +15,7 @@ from perception.dataset import Sample, collate, train_sample
 from perception.loss import SymmetricModel, ps6d_loss
 from perception.network import NetworkConfig, Ps6d, pack
 from perception.scenes import TRAIN_SEED, VALIDATION_SEED
+from perception.train import put_to_use
 from perception.trainer import Mean, TrainConfig, Trainer, batches, cad_points, kept
 from perception.variants import VARIANTS
 from perception.weights import file_hash, load_weights, state_hash, weights_record
@@ -243,3 +244,12 @@ def test_cad_points_are_on_the_cad_in_units() -> None:
     points = cad_points(bracket(), 200).numpy() * bracket().unit
     assert np.abs(bracket().mesh.nearest.on_surface(points)[1]).max() < 1e-4  # single precision
     assert np.ptp(points, axis=0).max() > 0.8 * bracket().unit
+
+
+def test_new_weights_are_put_to_use_where_there_are_none(tmp_path: Path) -> None:
+    new, used = tmp_path / "new.safetensors", tmp_path / "part" / "ps6d.safetensors"
+    new.write_bytes(b"first")
+    assert put_to_use(new, used) == f"in use: {used}" and used.read_bytes() == b"first"
+    new.write_bytes(b"second")
+    assert f"cp {new} {used}" in put_to_use(new, used)
+    assert used.read_bytes() == b"first"

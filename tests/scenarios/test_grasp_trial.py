@@ -10,10 +10,11 @@ import pytest
 
 from cell.frames import make_transform, rotation_angle
 from cell.gripper import load_gripper
+from cell.resting import resting_poses
 from cell.workpiece import load_workpiece
 from grasping.candidates import GraspCandidate
 from grasping.grasp_points import GraspPoint, load_grasps
-from scenarios.grasp_check import best_candidate, check_grasp_points, check_table
+from scenarios.grasp_check import NOVELTY, best_candidate, check_grasp_points, check_table, in_order_of_use
 from scenarios.grasp_trial import SHIFT, TURN, TrialCell, pose_errors
 
 BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
@@ -51,6 +52,40 @@ def test_good_grasps_hold_and_bad_ones_do_not(cell: TrialCell) -> None:
     assert cell.try_grasp(T, high, best.opening).reason == "closed on nothing"
     again = cell.try_grasp(T, best.T_world_tool, best.opening)
     assert again.held and again.slip == pytest.approx(good.slip, abs=2e-4)  # trials do not spoil each other
+
+
+def test_without_weight_a_workpiece_stays_in_the_air_until_it_is_gripped(cell: TrialCell) -> None:
+    """The same grasp as on the table holds there; where the jaws close on nothing the workpiece falls."""
+    T = make_transform(t=(0.0, 0.0, 0.3)) @ cell.resting_poses()[0]
+    with cell.world.weightless():
+        cell.world.place_part(0, T)
+        cell.world.run(0.3)
+        np.testing.assert_allclose(cell.world.part_pose(0), T, atol=1e-6)
+    cell.world.run(0.1)
+    assert T[2, 3] - cell.world.part_pose(0)[2, 3] == pytest.approx(9.81 * 0.1**2 / 2, rel=0.05)
+    best = best_candidate(grasp("plate_from_top"), cell.resting_poses()[0], BRACKET, JAW)
+    assert isinstance(best, GraspCandidate)
+    T_world_tool = make_transform(t=(0.0, 0.0, 0.3)) @ best.T_world_tool
+    assert cell.try_grasp(T, T_world_tool, best.opening, afloat=True).held
+    assert not cell.try_grasp(T, make_transform(t=(0.0, 0.0, 0.03)) @ T_world_tool, best.opening, afloat=True).held
+    cell.world.run(0.2)
+    assert cell.world.part_pose(0)[2, 3] < 0.2
+
+
+def test_grasps_come_in_the_order_in_which_they_add_ways_of_lying() -> None:
+    points = list(load_grasps(BRACKET, JAW).points)[:6]
+    resting = resting_poses(BRACKET.mesh, BRACKET.symmetry)
+    chance = np.array([r.probability for r in resting])
+    reached = {
+        p.name: np.array([isinstance(best_candidate(p, r.T_plane_part, BRACKET, JAW), GraspCandidate) for r in resting])
+        for p in points
+    }
+    ordered = [p.name for p in in_order_of_use(BRACKET, JAW, points[::-1])]
+    assert sorted(ordered) == sorted(reached)
+    best = max(reached[name] @ chance for name in ordered)
+    assert reached[ordered[0]] @ chance >= best - 2 * NOVELTY
+    shared = chance / (1 + reached[ordered[0]])
+    assert reached[ordered[1]] @ shared >= max(reached[name] @ shared for name in ordered[1:]) - 2 * NOVELTY
 
 
 def test_a_workpiece_too_heavy_for_the_force_is_lost() -> None:

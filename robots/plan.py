@@ -43,8 +43,7 @@ class PickRequest:
         Ts_base_tool_place: (k, 4, 4) TCP where the part may be let go, most wanted first.
         T_flange_tool: (4, 4).
         held_tool: the part as boxes in the TCP frame.
-        approach: length of the last line to the grasp [m]; back: its direction, from the grasp, a unit vector in the
-            world, None for against tool z.
+        approach: length of the last line, along tool z to the grasp [m].
         retract: length of the first line with the part [m]; retract_direction: a unit vector in the world.
         place_height: of the vertical line down to a place pose [m]; depart: of the vertical line away from q_start, 0
             for none.
@@ -70,7 +69,6 @@ class PickRequest:
     held_tool: tuple[Box, ...]
     q_end: Array | None
     approach: float = 0.10
-    back: tuple[float, float, float] | None = None
     retract: float = 0.15
     retract_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     place_height: float = 0.12
@@ -92,8 +90,7 @@ class PickRequest:
     @property
     def way_back(self) -> Array:
         """(3,) [m] from the grasp to where the last line to it begins."""
-        back = -self.T_base_tool_grasp[:3, 2] if self.back is None else np.array(self.back)
-        return np.asarray(self.approach * back)
+        return np.asarray(-self.approach * self.T_base_tool_grasp[:3, 2])
 
     @property
     def free(self) -> Pace:

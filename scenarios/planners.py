@@ -83,7 +83,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
     boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
     places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
     cups, middle = not isinstance(cell.gripper, ParallelJaw), cell.source.T_world_bin[:2, 3]
-    off = _off(candidate.T_world_tool, middle) if cups else None
+    off = _off(candidate.T_world_tool, middle) if cups else (0.0, 0.0, 1.0)
     return PickRequest(
         q_start=waits_at(cell, memory),
         q_end=None,
@@ -92,8 +92,7 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         T_flange_tool=T_flange_tool,
         held_tool=tuple(in_frame(boxes, T_tool_part)),
         approach=candidate.point.approach_distance,
-        back=off,
-        retract_direction=off or (0.0, 0.0, 1.0),
+        retract_direction=off,
         retract=candidate.point.retract_distance,
         place_height=memory.place.line,
         carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
@@ -113,7 +112,7 @@ def _off(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:
     """Unit vector halfway between straight up and the way that a leaning tool comes from, where it leads inwards.
 
     Cups and magnets hold a face, not sides: straight up would drag a workpiece that leans on a wall along that wall.
-    A tool that leans over the nearest wall, away from `middle` (2,) of the bin, comes and goes straight up.
+    A tool that leans over the nearest wall, away from `middle` (2,) of the bin, goes straight up.
     """
     half = np.array([0.0, 0.0, 1.0]) - T_world_tool[:3, 2]
     if half[:2] @ (middle - T_world_tool[:2, 3]) <= 0:

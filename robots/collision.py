@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Literal
+from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -19,15 +17,12 @@ import pinocchio as pin
 from cell.bin import Box
 from cell.frames import Array, apply
 from robots.chain import travelled
+from robots.checker import Checker, Ground, Mode
 from robots.failure import Contact
 from robots.inverse import arm_of
 from robots.model import RobotModel
 
-Mode = Literal["transit", "contact", "depart", "leave"]
-Ground = tuple[coal.CollisionGeometry, pin.SE3]
-
 MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
-BERTH = 0.003  # [m] kept in flight from the obstacles that are to be given a berth
 PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
 THICK = 0.25  # of the upper arm's length: radius of the links around the wrist centre; twice that around the elbow
 MAX_KNOT_STEP = 0.05  # [rad] between two joint vectors between which the travel of all points is measured
@@ -89,7 +84,7 @@ class CollisionScene:
         self._ground = self._ground_held = None if heightfield is None else _ground(heightfield)
         self._held: tuple[Box, ...] = ()
         self._tolerance = 0.0
-        self._checkers: dict[str, _Checker] = {}
+        self._checkers: dict[str, Checker] = {}
         self._corners_of: tuple[tuple[Box, ...] | None, Array] = (None, np.zeros((0, 3)))
 
     def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005, without: HeightField | None = None) -> None:
@@ -209,153 +204,21 @@ class CollisionScene:
             self._corners_of = self._held, corners
         return corners
 
-    def _checker(self, mode: Mode) -> _Checker:
+    def _checker(self, mode: Mode) -> Checker:
         state = "held" if self._held else "empty"
         if mode in ("depart", "leave"):
             state, mode = mode, "transit"
         if state not in self._checkers:
             boxes = self.start_boxes if state in ("depart", "leave") else self.tool_boxes
             placed = self._placed_before if state == "depart" else self._placed
-            self._checkers[state] = _Checker(self, boxes, placed, self._held, self._tolerance)
+            pile = self._ground_held if self._held else self._ground
+            self._checkers[state] = Checker(
+                self.robot, self.obstacles, boxes, pile, placed, self._held, self._tolerance, self.berth
+            )
         if state == "held":
             self._checkers[state].stand_over(self._ground_held)
         self._checkers[state].turn_to(mode, self._kept)
         return self._checkers[state]
-
-
-class _Checker:
-    """Pinocchio's geometry for one held part, with only the pairs that count."""
-
-    def __init__(
-        self,
-        scene: CollisionScene,
-        tool_boxes: tuple[Box, ...],
-        placed: Ground | None,
-        held: tuple[Box, ...],
-        tolerance: float,
-    ) -> None:
-        self.model = scene.robot.kinematics
-        self.data = self.model.createData()
-        self.geometry = _arm_geometry(scene.robot).copy()
-        frames = self.model.frames
-        links = [(i, int(g.parentJoint)) for i, g in enumerate(self.geometry.geometryObjects)]
-        self.names = [frames[g.parentFrame].name for g in self.geometry.geometryObjects]
-        last = self.model.njoints - 1
-        T_joint_flange = frames[scene.robot.flange].placement
-
-        tool = [self._add(b.name, last, T_joint_flange, b) for b in tool_boxes]
-        part = [self._add("held", last, T_joint_flange, b) for b in held]
-        slim = [self._add("held", last, T_joint_flange, _smaller(b, tolerance)) for b in held]
-        self._held, self._tolerance, self._parts, self._T_joint_flange = held, tolerance, (part, slim), T_joint_flange
-        fixed = [self._add(b.name, 0, pin.SE3.Identity(), b) for b in scene.obstacles]
-        self._ground = scene._ground_held if held else scene._ground
-        ground = [] if self._ground is None else [self._add_shape("pile", 0, self._ground[1], self._ground[0])]
-        self._pile = ground
-        fixed += [] if placed is None else [self._add_shape("placed", 0, placed[1], placed[0])]
-        fingers = {t for t in tool if self.names[t].startswith("finger")}
-
-        arm = [a for a, i in links if i > 0]
-        pairs = [(a, b) for a, i in links for b, j in links if j - i >= 2]
-        pairs += [(t, a) for t in tool for a, i in links if i <= 4]
-        pairs += [(p, a) for p in part + slim for a, i in links if i <= 5]
-        pairs += [(m, f) for m in arm + tool + part + slim for f in fixed]
-        pairs += [(m, g) for m in arm + tool + part for g in ground]
-        pairs = sorted({(min(p), max(p)) for p in pairs})
-        for pair in pairs:
-            self.geometry.addCollisionPair(pin.CollisionPair(*pair))
-        self.geometry_data = self.geometry.createData()
-        slim_only = [k for k, p in enumerate(pairs) if set(p) & set(slim)]
-        transit_only = [
-            k for k, p in enumerate(pairs) if set(p) & set(part) or (set(p) & fingers and set(p) & set(ground))
-        ]
-        self._only: dict[Mode, list[int]] = {"transit": transit_only, "contact": slim_only}
-        self._given_berth = {
-            name: [k for k, p in enumerate(pairs) if name in (self.names[p[0]], self.names[p[1]])]
-            for name in scene.berth
-        }
-        self._carried = {*tool, *part, *slim}
-        self._mode: Mode | None = None
-        self._margin, self._berth = 0.0, frozenset[str]()
-        self._sort()
-
-    def takes(self, held: tuple[Box, ...], tolerance: float) -> bool:
-        """Hold boxes of the same sizes as before in another place; False where the sizes differ."""
-        if tolerance != self._tolerance or [b.size for b in held] != [b.size for b in self._held]:
-            return False
-        if any(a is not b for a, b in zip(held, self._held, strict=True)):
-            for indices in self._parts:
-                for k, box in zip(indices, held, strict=True):
-                    self.geometry.geometryObjects[k].placement = self._T_joint_flange * pin.SE3(
-                        np.array(box.T_world_box)
-                    )
-            self._held = held
-        return True
-
-    def stand_over(self, ground: Ground | None) -> None:
-        """Check against this ground in place of the one before."""
-        if ground is not self._ground and ground is not None:
-            for k in self._pile:
-                self.geometry.geometryObjects[k].geometry, self.geometry.geometryObjects[k].placement = ground
-            self._ground = ground
-            self._sort()
-
-    def _sort(self) -> None:
-        self.broadphase = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
-            self.model, self.geometry, self.geometry_data
-        )
-
-    def turn_to(self, mode: Mode, kept: frozenset[str]) -> None:
-        """Check the pairs of a mode, in `transit` with the berth of what is named in `kept`."""
-        berth = kept if mode == "transit" else frozenset[str]()
-        if berth != self._berth:
-            self._berth, self._margin = berth, -1.0
-        if mode != self._mode:
-            for other, pairs in self._only.items():
-                data = self.geometry_data
-                switch = data.activateCollisionPair if other == mode else data.deactivateCollisionPair
-                for k in pairs:
-                    switch(k)
-            self._mode = mode
-
-    def free(self, q: Array, margin: float = 0.0) -> bool:
-        """Whether everything keeps more than `margin` [m] at q (6,)."""
-        if margin != self._margin:
-            requests = self.geometry_data.collisionRequests
-            for request in requests:
-                request.security_margin = margin
-            for name in self._berth:
-                for k in self._given_berth[name]:
-                    requests[k].security_margin = margin + BERTH
-            self._margin = margin
-        return not pin.computeCollisions(self.model, self.data, self.broadphase, q, True)
-
-    def contact(self, q: Array) -> Contact | None:
-        if self.free(q):
-            return None
-        pin.computeCollisions(self.model, self.data, self.geometry, self.geometry_data, q, True)
-        active = self.geometry_data.activeCollisionPairs
-        for k, (pair, result) in enumerate(
-            zip(self.geometry.collisionPairs, self.geometry_data.collisionResults, strict=True)
-        ):
-            if active[k] and result.isCollision():
-                first, second = pair.first, pair.second
-                if second in self._carried:  # the tool or part is named before the link that it touches
-                    first, second = second, first
-                return self.names[first], self.names[second]
-        raise AssertionError("a collision without a pair")
-
-    def _add(self, name: str, joint: int, T_joint_parent: pin.SE3, box: Box) -> int:
-        return self._add_shape(name, joint, T_joint_parent * pin.SE3(np.array(box.T_world_box)), coal.Box(*box.size))
-
-    def _add_shape(self, name: str, joint: int, placement: pin.SE3, shape: coal.CollisionGeometry) -> int:
-        unique = f"{len(self.names)}:{name}"
-        self.names.append(name)
-        return int(self.geometry.addGeometryObject(pin.GeometryObject(unique, joint, placement, shape)))
-
-
-@lru_cache(maxsize=8)
-def _arm_geometry(robot: RobotModel) -> pin.GeometryModel:
-    return pin.buildGeomFromUrdf(robot.kinematics, str(robot.urdf), pin.GeometryType.COLLISION)
 
 
 def _ground(field: HeightField) -> Ground:
@@ -370,11 +233,6 @@ def _ground(field: HeightField) -> Ground:
 def _corners(box: Box) -> Array:
     signs = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64) - 0.5
     return apply(box.T_world_box, signs * np.array(box.size))
-
-
-def _smaller(box: Box, tolerance: float) -> Box:
-    x, y, z = (max(edge - 2 * tolerance, 1e-4) for edge in box.size)
-    return replace(box, size=(x, y, z))
 
 
 def _split(cells: Array, length: float) -> Array:

@@ -9,7 +9,8 @@ import numpy as np
 
 from cell.frames import Array
 from robots.chain import kept_to_line
-from robots.collision import CollisionScene, Mode
+from robots.checker import Mode
+from robots.collision import CollisionScene
 from robots.dynamics import bearable
 from robots.failure import Refusal
 from robots.flight import Between, End, Flight, Form

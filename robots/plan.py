@@ -18,7 +18,8 @@ import numpy as np
 
 from cell.bin import Box
 from cell.frames import Array, invert
-from robots.collision import CollisionScene, HeightField, Mode
+from robots.checker import Mode
+from robots.collision import CollisionScene, HeightField
 from robots.dynamics import Load
 from robots.failure import Cause, PlanFailure, Refusal, Stage
 from robots.inverse import FRONT, SIGMA_MIN, Branches, flange_poses, inverse

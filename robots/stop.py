@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cell.frames import Array
-from robots.collision import Mode
+from robots.checker import Mode
 from robots.dynamics import Load
 from robots.failure import Refusal
 from robots.inverse import flange_poses

@@ -21,6 +21,7 @@ from cell.gripper import load_gripper
 from cell.workpiece import load_workpiece
 from grasping.grasp_points import GraspPoint, read_table
 from scenarios.cli import main as pickproof
+from scenarios.compare import Difference
 from scenarios.grasps import table_text
 from scenarios.scenario import load_scenario
 from scenarios.tune_plan import HOLDOUT
@@ -42,22 +43,20 @@ def spoiled(points: list[GraspPoint], widest: float, rng: np.random.Generator) -
 
 @dataclass(frozen=True)
 class Proof:
-    """Pick success in unseen bins with the three tables, and the 95 % interval of tuned less spoiled."""
+    """Pick success in unseen bins: tuned less spoiled, and with the shipped table."""
 
-    spoiled: float
-    tuned: float
+    gain: Difference
     shipped: float
-    gain95: tuple[float, float]
 
     @property
     def regained(self) -> float:
         """Share of the success lost that came back; 1 where nothing was lost."""
-        lost = self.shipped - self.spoiled
-        return (self.tuned - self.spoiled) / lost if lost > 0 else 1.0
+        lost = self.shipped - self.gain.a
+        return (self.gain.b - self.gain.a) / lost if lost > 0 else 1.0
 
     @property
     def holds(self) -> bool:
-        return self.regained >= REGAINED and self.gain95[0] > 0
+        return self.regained >= REGAINED and self.gain.interval95[0] > 0
 
 
 def run(name: str, args: argparse.Namespace) -> Proof | None:
@@ -88,8 +87,7 @@ def run(name: str, args: argparse.Namespace) -> Proof | None:
     best = json.loads((folder / "shipped" / "summary.json").read_text(encoding="utf-8"))
     if not found or not found["success"] or best["success_rate"] is None:
         return None
-    rates = found["success"]
-    return Proof(rates["a"], rates["b"], best["success_rate"], tuple(rates["interval95"]))
+    return Proof(Difference(**found["success"]), best["success_rate"])
 
 
 def main() -> int:
@@ -110,10 +108,10 @@ def main() -> int:
         if proof is None:
             print(f"{name}: nothing better was found")
         else:
-            low, high = (100 * v for v in proof.gain95)
+            low, high = (100 * v for v in proof.gain.interval95)
             print(
-                f"{name}: pick success in unseen bins: spoiled {100 * proof.spoiled:.1f} %, tuned "
-                f"{100 * proof.tuned:.1f} % ({low:+.1f} to {high:+.1f} points), shipped {100 * proof.shipped:.1f} %; "
+                f"{name}: pick success in unseen bins: spoiled {100 * proof.gain.a:.1f} %, tuned "
+                f"{100 * proof.gain.b:.1f} % ({low:+.1f} to {high:+.1f} points), shipped {100 * proof.shipped:.1f} %; "
                 f"{100 * proof.regained:.0f} % of the loss regained"
             )
         held.append(proof is not None and proof.holds)

@@ -8,7 +8,8 @@ import numpy as np
 
 from cell.bin import Box
 from cell.frames import make_transform
-from robots.collision import BERTH, CollisionScene
+from robots.checker import BERTH
+from robots.collision import CollisionScene
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest, plan_pick
 from tests.robots.arm_cell import CELL, T_FLANGE_TOOL, TOOL, request_at, tilted

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,21 @@ from rich.table import Table
 from scenarios.arguments import ORACLES
 from scenarios.compare import Difference, cleared_of, counts_of, difference_of, points, span
 from scenarios.paired import Outcome, same_seeds
+from scenarios.records import NO_PICK_REASONS, Reason
 from scenarios.summary import interval, percent
 
 MODES: tuple[tuple[str, ...], ...] = tuple(ORACLES[:k] for k in range(len(ORACLES) + 1))
 """Each replaces one stage more, in the order of a pick: what comes first is made perfect before the next is judged."""
 RESAMPLES = 10_000
+LEFT: dict[str, tuple[Reason, ...]] = {
+    "the grasp points": (Reason.MISSED, Reason.DOUBLE_PICK, Reason.COLLISION),
+    "the grip": (Reason.SLIPPED, Reason.DROPPED),
+    "placing": (Reason.MISPLACED,),
+}
+"""What an attempt that fails with every stage replaced points at: the pose was true, the candidate the best of the table
+by rehearsal, and no arm in the way. The jaws closed beside it: the points; it was held and lost: force, friction and pads.
+Every other reason points at the scenario."""
+SCENARIO = "the scenario"
 
 
 @dataclass(frozen=True)
@@ -48,6 +59,7 @@ class Attribution:
         summaries: of the campaigns, in the order of MODES.
         named: the stage to mend first; None where nothing can be told from nothing. basis: what names it.
         rest: share of failed attempts that no oracle mends.
+        rest_points_at: what most of those point at, see LEFT; None where nothing failed.
     """
 
     episodes: int
@@ -56,6 +68,7 @@ class Attribution:
     named: str | None
     basis: str
     rest: float | None
+    rest_points_at: str | None
 
 
 def attribute(
@@ -91,9 +104,18 @@ def attribute(
         )
     named, basis = _named(stages)
     rate = summaries[-1]["success_rate"]
+    rest = None if rate is None else 1.0 - float(rate)
     return Attribution(
-        len(sides[0]), list(summaries), stages, named, basis, None if rate is None else 1.0 - float(rate)
+        len(sides[0]), list(summaries), stages, named, basis, rest, _points_at(summaries[-1]["reasons"])
     )
+
+
+def _points_at(reasons: Mapping[str, int]) -> str | None:
+    """What most failed attempts point at; of equals the first in the order of LEFT."""
+    failed = Counter({Reason(reason): n for reason, n in reasons.items() if Reason(reason) not in NO_PICK_REASONS})
+    counts = {name: sum(failed.pop(reason, 0) for reason in own) for name, own in LEFT.items()}
+    counts[SCENARIO] = failed.total()
+    return max(counts, key=lambda name: counts[name]) if any(counts.values()) else None
 
 
 def _named(stages: Sequence[Stage]) -> tuple[str | None, str]:
@@ -126,7 +148,7 @@ def verdict_line(a: Attribution) -> str:
     """What to mend first, in a sentence."""
     if leads_the_rest(a):
         left = _left(a.summaries[-1])
-        return f"mend grip, placing or the scenario first: with every stage replaced {percent(a.rest)} still fail{left}"
+        return f"mend {a.rest_points_at} first: with every stage replaced {percent(a.rest)} still fail{left}"
     if a.named is None:
         lead = max((s for s in a.stages if s.most), key=lambda s: s.most or 0.0, default=None)
         seen = (

@@ -19,7 +19,7 @@ from grasping.verdict import CHOSEN, MEANING, Verdict
 from scenarios.records import MEANING as REASONS
 from scenarios.records import AttemptRecord
 from scenarios.store import Store
-from scenarios.tree import verdict_counts
+from scenarios.tree_counts import verdict_counts
 
 ESTIMATES_SHOWN = 12
 

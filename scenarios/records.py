@@ -61,7 +61,9 @@ MEANING = {
 
 def nested(array: ArrayLike) -> Rows:
     """A matrix (n, m) as nested tuples of floats, the form in which records hold matrices."""
-    return tuple(map(tuple, np.asarray(array, dtype=np.float64).tolist()))
+    if not isinstance(array, list | tuple):
+        array = np.asarray(array, dtype=np.float64).tolist()
+    return tuple(tuple(map(float, row)) for row in array)
 
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {

@@ -28,7 +28,7 @@ from scenarios.report_tables import (
 from scenarios.scenario import Scenario
 from scenarios.store import Store
 from scenarios.summary import interval, percent, seconds, summarise
-from scenarios.tree import condensed, verdict_counts
+from scenarios.tree_counts import condensed, verdict_counts
 
 FILE = "report.html"
 PICTURE_BYTES = 3_500_000

@@ -16,7 +16,7 @@ from grasping.verdict import CHOSEN, Verdict
 from grasping.verdict import MEANING as VERDICTS
 from scenarios.records import AttemptRecord
 from scenarios.statistics import wilson
-from scenarios.tree import verdict_counts
+from scenarios.tree_counts import verdict_counts
 
 FILL_STEPS = 6
 GRID = (6, 5)

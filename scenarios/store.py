@@ -13,6 +13,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import msgspec
+import numpy as np
+
 from cell.errors import InputError, PickproofError
 from scenarios.files import StoreError
 from scenarios.records import AttemptRecord, EpisodeRecord, Rows
@@ -233,23 +236,19 @@ class Store:
 def record_hash(attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRecord]) -> str:
     """SHA-256 over attempts, outcomes and poses in order of seed and attempt.
 
-    Floats enter by their exact bits (`float.hex`); times, pictures and everything about the machine stay out.
+    Floats enter by their exact bits (`float.hex`; poses after the attempt as little-endian IEEE 754); times, pictures
+    and everything about the machine stay out.
     """
     digest = hashlib.sha256()
     for a in sorted(attempts, key=lambda a: (a.seed, a.attempt)):
-        pose = None if a.estimate_T_world_part is None else _hex(a.estimate_T_world_part)
-        chosen = (pose, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
-        outcome = (a.moved, a.success, str(a.reason), a.parts_in_bin_before, a.n_estimates)
-        line = [*_exact(["attempt", a.seed, a.attempt, outcome, chosen]), _hex(a.part_poses_after)]
-        digest.update(json.dumps(line).encode() + b"\n")
+        chosen = (a.estimate_T_world_part, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
+        outcome = (a.moved, a.success, str(a.reason), a.parts_in_bin_before, a.n_estimates, len(a.part_poses_after))
+        digest.update(json.dumps(_exact(["attempt", a.seed, a.attempt, outcome, chosen])).encode() + b"\n")
+        digest.update(np.array(a.part_poses_after, dtype="<f8").tobytes())
     for e in sorted(episodes, key=lambda e: e.seed):
         line = ["episode", e.seed, e.parts_dropped, e.parts_picked, e.end, e.attempts]
         digest.update(json.dumps(_exact(line)).encode() + b"\n")
     return digest.hexdigest()
-
-
-def _hex(rows: Rows) -> list[list[str]]:
-    return [list(map(float.hex, row)) for row in rows]
 
 
 def _exact(value: Any) -> Any:
@@ -265,11 +264,18 @@ def _plain(value: Any) -> Any:
 def _attempt(row: dict[str, Any], tree: Callable[[Any], Any]) -> AttemptRecord:
     for name in _JSON_COLUMNS:
         if row.get(name) is not None:
-            row[name] = json.loads(row[name])
+            row[name] = _decoded(row[name])
     if "tree" in row:
         row["tree"] = tree(row["tree"])
     row["moved"], row["success"] = bool(row["moved"]), bool(row["success"])
     return AttemptRecord(**row)
+
+
+def _decoded(text: str) -> Any:
+    try:
+        return msgspec.json.decode(text)  # three times as quick, which 500 MB of trees show
+    except msgspec.DecodeError:
+        return json.loads(text)  # knows NaN and Infinity, which json.dumps writes
 
 
 def _existing(directory: Path) -> Path:

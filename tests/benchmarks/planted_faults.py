@@ -16,9 +16,11 @@ from cell.gripper import gripper_path
 from cell.processes import child_environment
 from cell.workpiece import load_workpiece
 
-FAULTS = ("grasp", "weights", "friction")
+FAULTS = ("point", "grasp", "weights", "friction")
+POINT = "edge_of_plate"
+"""The one of the fault `point`: every sixth pick is made with it."""
 MOVED = 0.004
-"""[m] that every grasp point is moved along its closing direction."""
+"""[m] that one grasp point, or each of them, is moved along its closing direction."""
 NOISE = 0.9
 """Standard deviation of each weight's error in shares of the weight."""
 PADS = 0.0003
@@ -36,16 +38,20 @@ def planted(fault: str, folder: Path) -> Iterator[list[str]]:
         copy = folder / "workpieces" / "bracket"
         if not copy.exists():
             shutil.copytree(load_workpiece("bracket").folder, copy)
-            (_move_grasps if fault == "grasp" else _noise_weights)(copy)
+            if fault == "weights":
+                _noise_weights(copy)
+            else:
+                _move_grasps(copy, {POINT} if fault == "point" else None)
         with child_environment({"PICKPROOF_WORKPIECES": str(copy.parent.resolve())}):
             yield []
 
 
-def _move_grasps(copy: Path) -> None:
+def _move_grasps(copy: Path, names: set[str] | None) -> None:
     path = copy / "grasps.yaml"
     table = yaml.safe_load(path.read_text(encoding="utf-8"))
     for grasp in table["grasps"]:
-        grasp["centre"] = [float(c + MOVED * n) for c, n in zip(grasp["centre"], grasp["closing"], strict=True)]
+        if names is None or grasp["name"] in names:
+            grasp["centre"] = [float(c + MOVED * n) for c, n in zip(grasp["centre"], grasp["closing"], strict=True)]
     path.write_text(yaml.safe_dump(table), encoding="utf-8")
 
 

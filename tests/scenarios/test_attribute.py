@@ -73,8 +73,25 @@ def test_where_nothing_differs_nothing_is_named():
 
 def test_what_no_oracle_mends_leads_where_it_is_more_than_any_stage():
     a = attributed(0.3, 0.35, 0.4, 0.4)
-    assert verdict_line(a).startswith("mend grip, placing or the scenario first") and "slipped" in verdict_line(a)
-    assert not verdict_line(attributed(0.6, 0.65, 0.95, 0.97)).startswith("mend grip")
+    assert verdict_line(a).startswith("mend the grip first") and "slipped" in verdict_line(a)
+    assert verdict_line(attributed(0.6, 0.65, 0.95, 0.97)).startswith("mend grasp first")
+
+
+@pytest.mark.parametrize(
+    ("reasons", "points_at"),
+    [
+        ({"missed": 5, "slipped": 4, "all_grasps_blocked": 40}, "the grasp points"),
+        ({"slipped": 3, "dropped": 2, "missed": 4}, "the grip"),
+        ({"misplaced": 3, "slipped": 2}, "placing"),
+        ({"ejected": 2, "timeout": 1, "misplaced": 2}, "the scenario"),
+        ({"all_grasps_blocked": 7}, None),
+    ],
+)
+def test_what_no_oracle_mends_points_at_what_its_reasons_say(reasons, points_at):
+    sides = [side(0.5)] * 4
+    summaries = [summary(s) for s in sides]
+    summaries[-1]["reasons"] = reasons
+    assert attribute(sides, summaries, FILES).rest_points_at == points_at
 
 
 def test_parts_left_behind_are_seen_where_the_success_is_silent():

@@ -23,7 +23,8 @@ from scenarios.explain import explain, nth_attempt
 from scenarios.records import AttemptRecord
 from scenarios.report import verdict_rows
 from scenarios.store import Store
-from scenarios.tree import planning_verdict, verdict_counts
+from scenarios.tree import planning_verdict
+from scenarios.tree_counts import verdict_counts
 from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at
 from tests.scenarios.test_episode import run
 

@@ -19,7 +19,7 @@ from scenarios.report_tables import by_place, classes, fill_levels, grasp_points
 from scenarios.scenario import load_scenario, scenario_hash, scenario_json
 from scenarios.store import Store
 from scenarios.summary import summarise
-from scenarios.tree import condensed, verdict_counts
+from scenarios.tree_counts import condensed, verdict_counts
 
 
 def meta(**changes):

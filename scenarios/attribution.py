@@ -26,9 +26,9 @@ LEFT: dict[str, tuple[Reason, ...]] = {
     "the grip": (Reason.SLIPPED, Reason.DROPPED),
     "placing": (Reason.MISPLACED,),
 }
-"""What an attempt that fails with every stage replaced points at: the pose was true, the candidate the best of the table
-by rehearsal, and no arm in the way. The jaws closed beside it: the points; it was held and lost: force, friction and pads.
-Every other reason points at the scenario."""
+"""What an attempt that fails with every stage replaced points at: the pose was true, the candidate the best of the
+table by rehearsal, no arm in the way. The jaws closed beside it: the points; it was held and lost: force, friction and
+pads. Every other reason points at the scenario."""
 SCENARIO = "the scenario"
 
 
@@ -105,9 +105,7 @@ def attribute(
     named, basis = _named(stages)
     rate = summaries[-1]["success_rate"]
     rest = None if rate is None else 1.0 - float(rate)
-    return Attribution(
-        len(sides[0]), list(summaries), stages, named, basis, rest, _points_at(summaries[-1]["reasons"])
-    )
+    return Attribution(len(sides[0]), list(summaries), stages, named, basis, rest, _points_at(summaries[-1]["reasons"]))
 
 
 def _points_at(reasons: Mapping[str, int]) -> str | None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from cell.errors import InputError, PickproofError
 from scenarios.files import StoreError
-from scenarios.records import AttemptRecord, EpisodeRecord, Rows
+from scenarios.records import AttemptRecord, EpisodeRecord
 
 FILE = "results.sqlite"
 SCHEMA_VERSION = 2

@@ -7,8 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from cell.frames import Array, from_rpy
+from cell.frames import Array, apply, from_rpy, invert
 from cell.gripper import load_gripper
+from cell.jaw import ParallelJaw
 from cell.workpiece import load_workpiece
 from grasping.grasp_points import GraspPoint, opening
 from scenarios.grasp_check import lying
@@ -22,7 +23,10 @@ POSES_TRIED = 2
 """Resting poses, likeliest first, of those that leave the gripper room."""
 HOPELESS = 3  # errors, none among them, after which a grasp that never held is given up
 SLIP = 0.005  # [m] in the fingers that costs a held trial half of what it is worth
-OPEN_COST, FAR_COST = 0.05, 0.05  # of the widest opening, and of the farthest move: where physics cannot tell, less
+OPEN_COST, FAR_COST = 0.15, 0.05  # of the widest opening, and of the farthest move: where physics cannot tell, less
+NEARLY = {"lost in the shake": 0.2, "lost in the lift": 0.15}  # what a grasp is worth that held for a while
+STRADDLED = 0.1  # and one that held nothing, by how nearly its fingers go over the workpiece
+SURFACE = 4000  # points of the workpiece
 
 
 @dataclass(frozen=True)
@@ -55,17 +59,21 @@ def draw_errors(rng: np.random.Generator, p95: dict[str, float] | None = None, d
 
 
 def try_point(task: GraspTask) -> Told:
-    """Share of the errors under which the grasp holds, less for slip, for a wide opening and for being moved far."""
+    """Share of the errors under which the grasp holds, less for slip, for a wide opening and for being moved far.
+
+    Where it does not hold it is worth a little the nearer it came: a search that sees only zeros finds nothing.
+    """
     cell, resting = _cell(task.workpiece, task.gripper)
     cell.rebuild()
     worth: list[float] = []
     held, tried, slip, reasons = 0, 0, 0.0, []
     for k, best in list(lying(task.point, resting, cell.workpiece, cell.gripper))[:POSES_TRIED]:
+        near = STRADDLED * straddled(cell, resting[k], best.T_world_tool, best.opening)
         for i, trial in enumerate(try_errors(cell, resting[k], best.T_world_tool, best.opening, task.errors)):
             tried += 1
             held += trial.held
             slip = max(slip, trial.slip)
-            worth.append((1.0 - 0.5 * min(trial.slip / SLIP, 1.0)) if trial.held else 0.0)
+            worth.append((1.0 - 0.5 * min(trial.slip / SLIP, 1.0)) if trial.held else NEARLY.get(trial.reason, near))
             reasons += [] if trial.held else [trial.reason]
             if i + 1 == HOPELESS and not held:
                 break
@@ -78,6 +86,21 @@ def try_point(task: GraspTask) -> Told:
     reason = max(set(reasons), key=lambda r: (reasons.count(r), r)) if reasons else ""
     detail = {"share": share, "trials": tried, "slip_mm": round(1000 * slip, 3), "reason": reason}
     return Told((float(np.mean(worth)) if worth else 0.0) - cost, detail if tried else detail | {"reason": "no room"})
+
+
+def straddled(cell: TrialCell, T_world_part: Array, T_world_tool: Array, wide: float) -> float:
+    """How nearly an open jaw goes over what of the workpiece is within two fingers of it, in [0, 1]; pads: 0.
+
+    The mean over that surface of 1 between the fingers, and beyond of half the opening over the distance from the
+    middle. It says nothing about friction or tipping, but has a slope where the fingers come down on the workpiece.
+    """
+    if not isinstance(cell.gripper, ParallelJaw):
+        return 0.0
+    points = apply(invert(T_world_tool) @ T_world_part, cell.workpiece.sample_surface(SURFACE)[0])
+    thick, width, length = cell.gripper.finger_size
+    met = (np.abs(points[:, 1]) < width / 2) & (points[:, 2] > -length) & (points[:, 2] < 0.0)
+    off = np.abs(points[met & (np.abs(points[:, 0]) < wide / 2 + 2 * thick), 0])
+    return float(np.minimum(0.5 * wide / np.maximum(off, 1e-9), 1.0).mean()) if len(off) else 0.0
 
 
 @lru_cache(maxsize=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from base64 import b64decode
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +14,13 @@ import planted_episode
 import planted_tune
 import pytest
 
+from cell.frames import make_transform
 from cell.gripper import load_gripper
-from grasping.grasp_points import GraspPoint, opening, read_table
+from cell.workpiece import load_workpiece
+from grasping.grasp_points import GraspPoint, first_pose, opening, read_table
 from scenarios import tune_bins
 from scenarios.cli import main
+from scenarios.grasp_trial import TrialCell
 from scenarios.parallel import mapping
 from scenarios.scenario import SHIPPED, Scenario, load_scenario
 from scenarios.store import FILE
@@ -26,7 +30,7 @@ from scenarios.tune_report import move
 from scenarios.tune_run import Result, run_plan
 from scenarios.tune_search import open_journal
 from scenarios.tune_space import SHIFTS, TURNS, Reach, candidate, cell_parameters, grasp_parameters, moved, parse_field
-from scenarios.tune_trial import GraspTask, draw_errors, try_point
+from scenarios.tune_trial import GraspTask, draw_errors, straddled, try_point
 
 TABLE = SHIPPED / "workpieces" / "bracket" / "grasps.yaml"
 POINTS = {p.name: p for p in read_table(TABLE).grasps}
@@ -219,3 +223,19 @@ def test_a_grasp_beside_the_part_is_moved_onto_it_in_the_physics(tmp_path: Path)
     assert (
         try_point(GraspTask("bracket", "jaw_v1", good, errors)) == first
     )  # to the last bit, whatever was tried before
+
+
+def test_a_grasp_that_holds_nothing_is_worth_more_the_nearer_it_comes() -> None:
+    """A jaw 1 mm wider than the plate and off along its closing direction strikes it; the physics only says no."""
+    good = POINTS["edge_of_plate"]
+    with closing(TrialCell(load_workpiece("bracket"), load_gripper("jaw_v1"))) as cell:
+        T_part_tool = first_pose(good)
+        over = [
+            straddled(cell, np.eye(4), T_part_tool @ make_transform(t=(off, 0.0, 0.0)), good.width + 0.001)
+            for off in (0.0, 0.002, 0.004, 0.006)
+        ]
+    assert over[0] == 1.0 and over == sorted(over, reverse=True) and len(set(over)) == 4
+    centre = np.asarray(good.centre) + 0.004 * np.asarray(good.closing)
+    bad = good.model_copy(update={"opening": good.width + 0.001, "stroke": None, "centre": tuple(centre.tolist())})
+    told = try_point(GraspTask("bracket", "jaw_v1", bad, draw_errors(np.random.default_rng(0), draws=2)))
+    assert told.detail["share"] == 0.0 and 0.0 < told.value < 0.2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -50,9 +51,10 @@ def run_modes(
             run_point(Point((), scenario, folder), episodes, workers, frozenset(mode), runner, command, {})
         )
         with Store.read(folder) as store:
-            known.append(outcomes(store.attempts(large=False), store.episodes()))
+            attempts = store.attempts(large=False)
+            known.append(outcomes(attempts, store.episodes()))
         folders.append(folder / FILE)
-    result = attribute(known, summaries, folders)
+    result = attribute(known, summaries, folders, Counter(a.grasp for a in attempts if a.moved and not a.success))
     write_json(out / "attribution.json", as_document(result, command))
     plot_attribution(result, out / "attribution.png")
     return result
@@ -70,6 +72,8 @@ def as_document(a: Attribution, command: str) -> dict[str, Any]:
         "basis": a.basis,
         "verdict": verdict_line(a),
         "rest": a.rest,
+        "rest_points_at": a.rest_points_at,
+        "rest_by_grasp": a.rest_by_grasp,
         "stages": [asdict(s) for s in a.stages],
         "modes": modes,
         "command": command,

@@ -60,6 +60,7 @@ class Attribution:
         named: the stage to mend first; None where nothing can be told from nothing. basis: what names it.
         rest: share of failed attempts that no oracle mends.
         rest_points_at: what most of those point at, see LEFT; None where nothing failed.
+        rest_by_grasp: grasp point -> how many of those, most first.
     """
 
     episodes: int
@@ -69,12 +70,19 @@ class Attribution:
     basis: str
     rest: float | None
     rest_points_at: str | None
+    rest_by_grasp: dict[str, int]
 
 
 def attribute(
-    outcomes: Sequence[Sequence[Outcome]], summaries: Sequence[dict[str, Any]], files: Sequence[Path]
+    outcomes: Sequence[Sequence[Outcome]],
+    summaries: Sequence[dict[str, Any]],
+    files: Sequence[Path],
+    rest_by_grasp: Mapping[str, int] | None = None,
 ) -> Attribution:
     """Costs of the stages from the episodes of each campaign, in the order of MODES.
+
+    Args:
+        rest_by_grasp: failed attempts of the last one by grasp point.
 
     Raises:
         InputError: two campaigns share no seed, or a seed dropped another number of workpieces; names the file.
@@ -105,7 +113,8 @@ def attribute(
     named, basis = _named(stages)
     rate = summaries[-1]["success_rate"]
     rest = None if rate is None else 1.0 - float(rate)
-    return Attribution(len(sides[0]), list(summaries), stages, named, basis, rest, _points_at(summaries[-1]["reasons"]))
+    points_at, by_grasp = _points_at(summaries[-1]["reasons"]), dict(Counter(rest_by_grasp or {}).most_common())
+    return Attribution(len(sides[0]), list(summaries), stages, named, basis, rest, points_at, by_grasp)
 
 
 def _points_at(reasons: Mapping[str, int]) -> str | None:
@@ -145,7 +154,7 @@ def leads_the_rest(a: Attribution) -> bool:
 def verdict_line(a: Attribution) -> str:
     """What to mend first, in a sentence."""
     if leads_the_rest(a):
-        left = _left(a.summaries[-1])
+        left = _left(a)
         return f"mend {a.rest_points_at} first: with every stage replaced {percent(a.rest)} still fail{left}"
     if a.named is None:
         lead = max((s for s in a.stages if s.most), key=lambda s: s.most or 0.0, default=None)
@@ -176,15 +185,18 @@ def print_attribution(console: Console, a: Attribution) -> None:
         rate = percent(s["success_rate"]), interval(s["cluster95"])
         table.add_row(name, *rate, *cost, percent(s["clearance"]), str(s["no_picks"]))
     console.print(table)
-    left = f"left when all are replaced: {percent(a.rest)} of the attempts fail{_left(a.summaries[-1])}"
+    left = f"left when all are replaced: {percent(a.rest)} of the attempts fail{_left(a)}"
     console.print(left, soft_wrap=True, highlight=False)
     console.print(f"[bold]{verdict_line(a)}[/]", soft_wrap=True, highlight=False)
 
 
-def _left(summary: dict[str, Any]) -> str:
-    """The reasons of what failed and of no-picks, in brackets."""
-    reasons = ", ".join(f"{reason} {n}" for reason, n in summary["reasons"].items())
-    return f" ({reasons})" if reasons else ""
+def _left(a: Attribution) -> str:
+    """What still failed, in brackets: reasons, those of no-picks too, and grasp points of attempts."""
+    listed = [
+        ", ".join(f"{name} {n}" for name, n in counts.items())
+        for counts in (a.summaries[-1]["reasons"], a.rest_by_grasp)
+    ]
+    return f" ({'; with '.join(filter(None, listed))})" if any(listed) else ""
 
 
 def plot_attribution(a: Attribution, path: Path) -> None:

@@ -94,6 +94,12 @@ def test_what_no_oracle_mends_points_at_what_its_reasons_say(reasons, points_at)
     assert attribute(sides, summaries, FILES).rest_points_at == points_at
 
 
+def test_the_verdict_names_the_grasp_points_that_failed():
+    sides = [side(0.5)] * 4
+    a = attribute(sides, [summary(s) for s in sides], FILES, {"rim": 2, "edge": 40})
+    assert "; with edge 40, rim 2)" in verdict_line(a)
+
+
 def test_parts_left_behind_are_seen_where_the_success_is_silent():
     """Whatever moved succeeded; without the arm in the way, more of the bin was cleared."""
     few = [Outcome(s, 20, 10 + s % 2, 10, 10, True) for s in range(12)]

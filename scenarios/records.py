@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,9 +61,10 @@ MEANING = {
 
 def nested(array: ArrayLike) -> Rows:
     """A matrix (n, m) as nested tuples of floats, the form in which records hold matrices."""
-    if not isinstance(array, list | tuple):
-        array = np.asarray(array, dtype=np.float64).tolist()
-    return tuple(tuple(map(float, row)) for row in array)
+    rows = cast(Iterable[Iterable[float]], array)
+    if not isinstance(array, list):  # as read from JSON; there, numpy takes longer than all else
+        rows = np.asarray(array, dtype=np.float64).tolist()
+    return tuple(tuple(map(float, row)) for row in rows)
 
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {

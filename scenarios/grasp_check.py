@@ -91,12 +91,20 @@ def best_candidate(
     point: GraspPoint, T_world_part: Array, workpiece: Workpiece, gripper: Gripper
 ) -> GraspCandidate | str:
     """The best pose of one grasp point on a workpiece that lies alone; else the verdict on most of its poses."""
+    found = candidates_of(point, T_world_part, workpiece, gripper)
+    return found if isinstance(found, str) else found[0]
+
+
+def candidates_of(
+    point: GraspPoint, T_world_part: Array, workpiece: Workpiece, gripper: Gripper
+) -> list[GraspCandidate] | str:
+    """The poses of one grasp point with room on a workpiece that lies alone, best first; else as `best_candidate`."""
     poses = expand((point,), workpiece)
     one = select(
         T_world_part[None], np.ones(1), np.zeros(1, bool), poses, workpiece, gripper, FREE, NOTHING, GraspingConfig()
     )
     if one.candidates:
-        return one.candidates[0]
+        return one.candidates
     counts = one.ruled_out[0][point.name]
     return max(counts, key=lambda verdict: counts[verdict])
 
@@ -121,15 +129,15 @@ def _cell(row: dict[str, Any]) -> str:
 
 def lying(
     point: GraspPoint, resting: Array, workpiece: Workpiece, gripper: Gripper, turned: bool = True
-) -> Iterator[tuple[int, GraspCandidate]]:
-    """Index of each resting pose (k, 4, 4) that leaves the gripper room for a grasp, and its best candidate there.
+) -> Iterator[tuple[int, list[GraspCandidate]]]:
+    """Index of each resting pose (k, 4, 4) that leaves the gripper room for a grasp, and its candidates there.
 
     A workpiece whose grasp looks sideways or up in all its resting poses is `turned` in thought: the limit on tilt is
     lifted, so that the grasp is tried before it is thrown away; in a heap workpieces lie in all ways.
     """
     for loose in (point, _leaning(point)) if turned else (point,):
-        found = [(k, best_candidate(loose, T, workpiece, gripper)) for k, T in enumerate(resting)]
-        with_room = [(k, best) for k, best in found if isinstance(best, GraspCandidate)]
+        found = [(k, candidates_of(loose, T, workpiece, gripper)) for k, T in enumerate(resting)]
+        with_room = [(k, candidates) for k, candidates in found if not isinstance(candidates, str)]
         if with_room:
             yield from with_room
             return
@@ -142,7 +150,7 @@ def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
     gripper and without weight until it is gripped: in a heap workpieces lie in all ways.
     """
     jaws = isinstance(cell.gripper, ParallelJaw)
-    for k, best in lying(point, resting, cell.workpiece, cell.gripper, turned=not jaws):
+    for k, (best, *_) in lying(point, resting, cell.workpiece, cell.gripper, turned=not jaws):
         return robust_share(cell, resting[k], best.T_world_tool, best.opening)
     if not jaws:
         return 0.0

@@ -126,9 +126,14 @@ def try_errors(
 
     An error is T_part_estimate about the centre of mass: a shift along and a turn about the axes of the CAD there.
     """
-    T_world_com = T_world_part @ make_transform(t=cell.workpiece.com)
     for error in errors:
-        yield cell.try_grasp(T_world_part, T_world_com @ error @ invert(T_world_com) @ T_world_tool, opening, afloat)
+        yield cell.try_grasp(T_world_part, off_by(error, cell, T_world_part) @ T_world_tool, opening, afloat)
+
+
+def off_by(error: Array, cell: TrialCell, T_world_part: Array) -> Array:
+    """T_world_world (4, 4) by which an error of the pose, T_part_estimate about the centre of mass, moves a tool."""
+    T_world_com = T_world_part @ make_transform(t=cell.workpiece.com)
+    return T_world_com @ error @ invert(T_world_com)
 
 
 def robust_share(

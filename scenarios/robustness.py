@@ -90,7 +90,7 @@ def try_robustness(task: Task) -> Robustness:
     with closing(TrialCell(workpiece, gripper)) as cell:
         resting = cell.resting_poses()
         cell.rebuild()
-        for k, best in lying(task.point, resting, workpiece, gripper):
+        for k, (best, *_) in lying(task.point, resting, workpiece, gripper):
             rows, reasons = [], []
             for a in range(len(AXES)):
                 steps = [-s for s in reversed(sizes_of(a))] + [0.0, *sizes_of(a)]

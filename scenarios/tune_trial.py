@@ -13,7 +13,7 @@ from cell.jaw import ParallelJaw
 from cell.workpiece import load_workpiece
 from grasping.grasp_points import GraspPoint, opening
 from scenarios.grasp_check import lying
-from scenarios.grasp_trial import SHIFT, TURN, TrialCell, try_errors
+from scenarios.grasp_trial import SHIFT, TURN, TrialCell, off_by
 from scenarios.robustness import KEYS
 from scenarios.tune_search import Told
 
@@ -61,20 +61,28 @@ def draw_errors(rng: np.random.Generator, p95: dict[str, float] | None = None, d
 def try_point(task: GraspTask) -> Told:
     """Share of the errors under which the grasp holds, less for slip, for a wide opening and for being moved far.
 
+    Each error is tried at another of the poses that the grasp point stands for: turned, slid, or of a symmetric copy.
     Where it does not hold it is worth a little the nearer it came: a search that sees only zeros finds nothing.
     """
     cell, resting = _cell(task.workpiece, task.gripper)
     cell.rebuild()
     worth: list[float] = []
     held, tried, slip, reasons = 0, 0, 0.0, []
-    for k, best in list(lying(task.point, resting, cell.workpiece, cell.gripper))[:POSES_TRIED]:
-        near = STRADDLED * straddled(cell, resting[k], best.T_world_tool, best.opening)
-        for i, trial in enumerate(try_errors(cell, resting[k], best.T_world_tool, best.opening, task.errors)):
+    for k, candidates in list(lying(task.point, resting, cell.workpiece, cell.gripper))[:POSES_TRIED]:
+        spread = np.linspace(0, len(candidates) - 1, len(task.errors)).round().astype(int)
+        for i, error in enumerate(task.errors):
+            one = candidates[spread[i]]
+            T_world_tool = off_by(error, cell, resting[k]) @ one.T_world_tool
+            trial = cell.try_grasp(resting[k], T_world_tool, one.opening)
             tried += 1
             held += trial.held
             slip = max(slip, trial.slip)
-            worth.append((1.0 - 0.5 * min(trial.slip / SLIP, 1.0)) if trial.held else NEARLY.get(trial.reason, near))
-            reasons += [] if trial.held else [trial.reason]
+            if trial.held:
+                worth.append(1.0 - 0.5 * min(trial.slip / SLIP, 1.0))
+            else:
+                near = STRADDLED * straddled(cell, resting[k], one.T_world_tool, one.opening)
+                worth.append(NEARLY.get(trial.reason, near))
+                reasons.append(trial.reason)
             if i + 1 == HOPELESS and not held:
                 break
         else:

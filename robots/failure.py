@@ -30,12 +30,14 @@ class Refusal:
         joint: 1 to 6, of a joint limit or a torque; 0 of all others.
         contact: of a collision that is known.
         on_line: the collision is on a straight tool line that must be kept.
+        early: whatever was tried touched something in the first half of its time.
     """
 
     cause: Cause
     joint: int = 0
     contact: Contact | None = None
     on_line: bool = False
+    early: bool = False
 
     def __str__(self) -> str:
         if self.cause == Cause.COLLISION:

@@ -12,7 +12,7 @@ from robots.chain import kept_to_line
 from robots.checker import Mode
 from robots.collision import CollisionScene
 from robots.dynamics import bearable
-from robots.failure import Refusal
+from robots.failure import Cause, Refusal
 from robots.flight import Between, End, Flight, Form
 from robots.inverse import arm_of
 from robots.stop import Line, Pace, Stop, first_beyond
@@ -39,8 +39,10 @@ class _Candidate:
     flight: Flight = field(compare=False)
 
 
-def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, forms: int) -> Trajectory | None:
-    """Along the line away from `start`, through the air and along the line to `end` without a stop, or None.
+def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, forms: int) -> Trajectory | Refusal:
+    """Along the line away from `start`, through the air and along the line to `end` without a stop.
+
+    What refuses it is `early` where every form tried touched something in its first half.
 
     Forms are tried in the order of the time they take. Where one touches something, the turn waits longer at the end
     that is nearer, or the way is raised, by STRIDE entries of the lists above; what was skipped is tried from the first
@@ -48,7 +50,8 @@ def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, fo
     """
     ends = [_end(stop) for stop in (start, end)]
     if ends[0] is None or ends[1] is None:
-        return None
+        return Refusal(Cause.COLLISION)
+    early = True
     between = Between(scene.robot, ends[0], ends[1], pace.T_flange_tool, scene.corners, pace.acceleration)
     raised = [np.zeros(6), *between.raised(np.array(RAISED[1:]))]
     waiting: list[_Candidate] = []
@@ -79,6 +82,7 @@ def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, fo
         hit = hit_by(best)
         k0, k1, height = best.node
         if hit is not None:
+            early &= hit < 0.5
             add((k0 + STRIDE, k1, height) if hit < 0.5 else (k0, k1 + STRIDE, height))
             add((k0, k1, height + STRIDE))
             continue
@@ -88,8 +92,10 @@ def fly(scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, fo
                 best = less
         motion = Motion((best.flight,), end.q)
         scale = bearable(scene.robot, motion, between.scale(best.flight, pace.speed), pace.load)
-        return None if isinstance(scale, Refusal) else Trajectory(name, *motion.sampled(pace.dt, scale), pace.dt)
-    return None
+        if isinstance(scale, Refusal):
+            return Refusal(Cause.COLLISION)
+        return Trajectory(name, *motion.sampled(pace.dt, scale), pace.dt)
+    return Refusal(Cause.COLLISION, early=early)
 
 
 def _end(stop: Stop) -> End | None:

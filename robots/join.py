@@ -36,10 +36,10 @@ def join(
     """
     scene.give_berth(*(stop.air for stop in (start, end)))
     flying = fly(scene, start, end, pace, name, FORMS_TRIED if seed is None else 2 * FORMS_TRIED)
-    if flying is not None:
+    if isinstance(flying, Trajectory):
         return flying, "direct"
     if seed is None:
-        return Refusal(Cause.COLLISION)
+        return flying
     paths: list[JointPath | None] = []
     for stop in (start, end):
         line = stop.line.path if stop.line else None

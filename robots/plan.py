@@ -30,6 +30,7 @@ from robots.timing import rest_to_rest
 from robots.trajectory import DT, Trajectory
 
 PLACES_TRIED = 12  # place poses to which a flight is looked for in vain
+EARLY = 3  # flights in vain one after the other that met something early: where they end hardly matters then
 SEARCHED_PLACES = 2  # place poses for which a path is searched when no quick way leads to any
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -245,8 +246,9 @@ def _place(
         return PlanFailure(Stage.PLACE, Refusal(Cause.NO_PLACE), "place")
     blocked: list[PlanFailure] = []
     unseen: list[tuple[int, Stop]] = []
+    early = 0
     for k in _in_order(scene, request, found, slot, grasp.q):
-        if len(unseen) >= PLACES_TRIED:
+        if len(unseen) >= PLACES_TRIED or early >= EARLY:
             break
         stop = _standing(scene, found, k, slot, "transit")
         if stop is not None:
@@ -269,6 +271,7 @@ def _place(
         blocked.append(done)
         if done.stage == Stage.CARRY:
             unseen.append((k, place))
+            early = early + 1 if done.refusal.early else 0
     for k, place in unseen[: SEARCHED_PLACES if request.searched else 0]:
         done = _carry(scene, request, grasp, place, request.seed, k)
         if not isinstance(done, PlanFailure):

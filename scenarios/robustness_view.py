@@ -17,20 +17,17 @@ GOOD, BAD, BASE = "#8fcbab", "#d9776c", "#1b2430"
 def robustness_table(grasps: Sequence[Robustness], errors: dict[str, float] | None) -> Table:
     """Grasps against directions: what each bears, negative / positive; red where perception errs by more."""
     table = Table(title="errors of the pose that each grasp bears, - / +, in mm and degrees", title_justify="left")
-    table.add_column("grasp point", no_wrap=True)
-    for axis in AXES:
+    table.add_column("grasp point", overflow="fold")
+    for axis in (*AXES, "held"):
         table.add_column(axis, justify="right", no_wrap=True)
-    table.add_column("held", justify="right")
     if errors is not None:
-        table.add_column("fails along")
         p95 = [f"{errors[key]:.2g}" for key in KEYS]
-        table.add_row("[dim]perception, 95 % under[/]", *(f"[dim]{p}[/]" for p in p95), "", "", end_section=True)
+        table.add_row("[dim]perception, 95 % under[/]", *(f"[dim]{p}[/]" for p in p95), "", end_section=True)
     for g in grasps:
         failing = beyond(g, errors) if errors is not None else []
-        cells = [f"{low:g} / {high:g}" for low, high in g.tolerated]
+        cells = [f"{low:g}/{high:g}" for low, high in g.tolerated]
         shown = [f"[red]{c}[/]" if a in failing else c for a, c in enumerate(cells)]
-        last = [", ".join(AXES[a] for a in failing) or "nothing"] if errors is not None else []
-        table.add_row(g.grasp, *shown, f"{100 * g.share:.0f} %", *last)
+        table.add_row(g.grasp, *shown, f"{100 * g.share:.0f} %")
     return table
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from cell.frames import rotation_angle
 from cell.gripper import load_gripper
@@ -45,6 +47,10 @@ def test_the_verdict_names_the_direction_in_which_perception_errs_by_more() -> N
     line = verdict(one, errors)
     assert "will fail" in line and "1.4 mm along x (closing)" in line and "bears 1 mm" in line and "on nothing" in line
     assert "along x" in verdict(one, None)
+    console = Console(width=80, record=True, file=StringIO())
+    console.print(robustness_table([one], errors))
+    shown = console.export_text()
+    assert "…" not in shown and "held" in shown and " %" in shown
 
 
 def test_errors_are_the_size_that_they_say() -> None:

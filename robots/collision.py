@@ -61,7 +61,8 @@ class CollisionScene:
             jaws are never quite where they are commanded, and a scan has gaps.
 
     Mode `transit` checks everything. So does mode `leave`, with the gripper as it waits, and mode `depart`, for the
-    line away from where it waits, which ignores what it has just let go. Mode `contact`, for the last line to a grasp
+    line away from where it waits, which ignores what it has just let go (and, after `stands_among_placed`, all that was
+    placed). Mode `contact`, for the last line to a grasp
     and the first line after it, ignores fingers and held part against the height field, and shrinks the held part by
     its pose tolerance; walls and table count.
     """
@@ -120,6 +121,12 @@ class CollisionScene:
             yield
         finally:
             self._held = held
+
+    def stands_among_placed(self) -> None:
+        """Mode `depart` ignores all that was placed: the hand came down between it, or something fell against it."""
+        if self._placed_before is not None:
+            self._placed_before = None
+            self._checkers.pop("depart", None)
 
     def give_berth(self, *ends: Array) -> None:
         """Keep the berth in flight from now on, but of what is nearer where the flight begins or ends, (6,) [rad]."""

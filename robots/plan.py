@@ -26,7 +26,7 @@ from robots.inverse import FRONT, SIGMA_MIN, Branches, flange_poses, inverse
 from robots.join import Joined, join
 from robots.search import Method
 from robots.stop import Line, Pace, Stop, first_beyond
-from robots.timing import rest_to_rest
+from robots.timing import JointPath, rest_to_rest
 from robots.trajectory import DT, Trajectory
 
 PLACES_TRIED = 12  # place poses to which a flight is looked for in vain
@@ -233,7 +233,14 @@ def _start(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailure:
     T = flange_poses(scene.robot, request.q_start[None])[0]
     rise, what = request.depart * UP, "line from the start"
     stop = _stop(scene, request, T, request.q_start, rise, "depart", Stage.APPROACH, what)
-    return stop if isinstance(stop, PlanFailure) else replace(stop, narrowing=request.narrowing)
+    if isinstance(stop, PlanFailure):
+        return stop
+    if stop.line is not None and isinstance(stop.line.path, JointPath):
+        ways = stop.line.path.spline(np.linspace(0.0, 1.0, 9))
+        touched = next((c for q in ways if (c := scene.first_contact(q, "depart"))), None)
+        if touched is not None and touched[1] == "placed":  # it stands there; straight up is the only way out
+            scene.stands_among_placed()
+    return replace(stop, narrowing=request.narrowing)
 
 
 def _place(

@@ -9,7 +9,8 @@ import numpy as np
 from cell.bin import Box
 from cell.frames import make_transform
 from robots.checker import BERTH
-from robots.collision import CollisionScene
+from robots.collision import CollisionScene, HeightField
+from robots.inverse import flange_poses
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest, plan_pick
 from tests.robots.arm_cell import CELL, T_FLANGE_TOOL, TOOL, request_at, tilted
@@ -74,3 +75,21 @@ def test_jaws_that_are_still_wide_have_room(robot: RobotModel) -> None:
             until = plan.cleared + round(0.25 / plan.approach.dt)
             met[narrowing] += scene.path_contact(plan.approach.q[plan.cleared : until + 1], "leave") is not None
     assert met[0.0] >= 2 and met[0.25] == 0
+
+
+def test_a_hand_that_stands_among_what_was_placed_gets_out(robot: RobotModel) -> None:
+    """Something placed before fell against a finger after the hand let go: no pick began from there any more."""
+    first = replace(request_at(robot, 0.45, 0.0), q_end=None, straight=0.02)
+    waits = planned(CollisionScene(robot, TOOL, CELL), first).carry.q[-1]
+    x, y, z = (flange_poses(robot, waits[None])[0] @ first.T_flange_tool)[:3, 3]
+    step, half = 0.005, 12
+    heights = np.full((2 * half + 1, 2 * half + 1), -0.01)
+    heights[half - 8 : half - 3, :] = z + 0.01  # on one side of the tool's middle along y
+    heights[:, half + 3 : half + 8] = z + 0.01  # and along x: whichever way the jaws close, a finger is in it
+    placed = HeightField(heights, x - half * step, y - half * step, step)
+    request = replace(request_at(robot, 0.41, 0.03, tilted(20, 60, 30)), q_start=waits, q_end=None, straight=0.02)
+    request = replace(request, depart=0.08)
+    scene = CollisionScene(robot, TOOL, CELL, placed=placed, placed_before=placed)
+    touched = scene.first_contact(waits, "depart")
+    assert touched is not None and touched[1] == "placed"
+    planned(scene, request)

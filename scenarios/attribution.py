@@ -173,17 +173,17 @@ def verdict_line(a: Attribution) -> str:
 def print_attribution(console: Console, a: Attribution) -> None:
     """The table and the verdict; `costs` in points of pick success, `most` as `Stage.most`."""
     table = Table(title=f"{a.summaries[0]['scenario']}: {a.episodes} bins, each with one oracle more")
-    for column in ("oracle", "success", "95 %", "costs", "95 %", "most", "cleared", "no-picks"):
+    for column in ("oracle", "success\n95 %", "costs\n95 %", "most", "cleared", "no-picks"):
         table.add_column(column, justify="left" if column == "oracle" else "right", no_wrap=True)
     for k, (mode, s) in enumerate(zip(MODES, a.summaries, strict=True)):
-        cost: tuple[str, ...] = ("", "", "")
+        cost: tuple[str, ...] = ("", "")
         if k:
             stage = a.stages[k - 1]
             if stage.success is not None:
-                cost = (points(stage.success.difference), span(stage.success.interval95), percent(stage.most, 0))
+                cost = (f"{points(stage.success.difference)}\n{span(stage.success.interval95)}", percent(stage.most, 0))
         name = f"+ {mode[-1]}" if mode else "none"
-        rate = percent(s["success_rate"]), interval(s["cluster95"])
-        table.add_row(name, *rate, *cost, percent(s["clearance"]), str(s["no_picks"]))
+        rate = f"{percent(s['success_rate'])}\n{interval(s['cluster95'])}"
+        table.add_row(name, rate, *cost, percent(s["clearance"]), str(s["no_picks"]))
     console.print(table)
     left = f"left when all are replaced: {percent(a.rest)} of the attempts fail{_left(a)}"
     console.print(left, soft_wrap=True, highlight=False)

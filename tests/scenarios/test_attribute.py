@@ -1,14 +1,16 @@
 """What each stage costs: sums, names, and a planted loss through the real campaigns."""
 
 import json
+from io import StringIO
 
 import numpy as np
 import planted_oracles
 import pytest
+from rich.console import Console
 
 from cell.errors import InputError
 from scenarios.attribute import folder_of, run_modes
-from scenarios.attribution import MODES, attribute, verdict_line
+from scenarios.attribution import MODES, attribute, print_attribution, verdict_line
 from scenarios.cli import main
 from scenarios.paired import Outcome
 from scenarios.scenario import load_scenario
@@ -28,7 +30,7 @@ def summary(outcomes):
     n, good = sum(o.attempts for o in outcomes), sum(o.successes for o in outcomes)
     rate = good / n if n else None
     bounds = wilson(good, n) if n else (0.0, 1.0)
-    base = {"scenario": "x", "success_rate": rate, "no_picks": 0, "attempts": n, "successes": good}
+    base = {"scenario": "x", "success_rate": rate, "clearance": 1.0, "no_picks": 0, "attempts": n, "successes": good}
     return base | {"cluster95": bounds, "reasons": {"slipped": n - good} if n > good else {}}
 
 
@@ -63,6 +65,13 @@ def test_the_costliest_stage_is_named(rates, named):
     a = attributed(*rates)
     assert (a.named, a.basis) == (named, "success")
     assert f"mend {named} first" in verdict_line(a)
+
+
+def test_the_table_fits_a_terminal_of_80_columns():
+    console = Console(width=80, record=True, file=StringIO())
+    print_attribution(console, attributed(0.5, 0.9, 0.95, 0.95))
+    shown = console.export_text()
+    assert "…" not in shown and "+ perception" in shown and "no-picks" in shown
 
 
 def test_where_nothing_differs_nothing_is_named():

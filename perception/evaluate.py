@@ -223,7 +223,7 @@ def _print(console: Console, workpiece: Workpiece, data: dict[str, Any]) -> None
     table = Table(title=f"{workpiece.name}: {data['scenes']}, T_e = {data['tolerance_mm']:g} mm")
     columns = ("f1_inst", "recall", "precision", "median_mm", "median_deg")
     for column in ("method", *columns, "s/frame"):
-        head = column.replace("_m", "\nm").replace("_deg", "\ndeg")
+        head = column.replace("median_", "median\n")
         table.add_column(head, justify="left" if column == "method" else "right", no_wrap=column == "method")
     for name, m in data["methods"].items():
         cells = ["-" if m[c] is None else f"{m[c]:.2f}" for c in columns]

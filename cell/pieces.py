@@ -60,7 +60,7 @@ class CollisionCylinder(Config):
         return from_rpy(self.centre, self.rpy)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CollisionHull:
     """The convex hull of `vertices` (n, 3) [m], all of them on it, in the CAD frame. Read-only."""
 
@@ -84,15 +84,19 @@ class CollisionHull:
             around = normals[(hull.simplices == i).any(axis=1)]
             # nearly parallel faces count as one, so a vertex of a round hull moves by the margin and not far more
             moved[i] -= margin * np.linalg.pinv(around, rcond=0.2) @ np.ones(len(around))
-        return moved if (moved @ normals.T + offsets).max() <= -0.5 * margin else _eroded(hull, margin)
+        return moved if (moved @ normals.T + offsets).max() <= -0.5 * margin else eroded(self.vertices, margin)
 
 
 Piece = CollisionBox | CollisionCylinder | CollisionHull
 
 
-def _eroded(hull: ConvexHull, margin: float) -> Array:
-    """Corners (m, 3) of what lies a margin or more inside of all faces."""
-    planes = np.unique(hull.equations.round(12), axis=0)
+def eroded(vertices: Array, margin: float) -> Array:
+    """Corners (m, 3) of what lies `margin` [m] or more inside of all faces of the hull of vertices (n, 3).
+
+    Raises:
+        ValueError: the hull is hardly thicker than its margins.
+    """
+    planes = np.unique(ConvexHull(vertices).equations.round(12), axis=0)
     # the largest ball inside (Chebyshev's centre): its middle is where the corners are looked for from
     ball = linprog((0, 0, 0, -1), A_ub=np.column_stack([planes[:, :3], np.ones(len(planes))]), b_ub=-planes[:, 3],
                    bounds=[(None, None)] * 3 + [(0, None)])  # fmt: skip

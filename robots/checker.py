@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import Literal
 
@@ -13,6 +12,7 @@ import pinocchio as pin
 from cell.bin import Box
 from cell.frames import Array
 from robots.failure import Contact
+from robots.held import HeldPart, Shape, shapes
 from robots.model import RobotModel
 
 Mode = Literal["transit", "contact", "depart", "leave"]
@@ -31,7 +31,7 @@ class Checker:
         tool_boxes: tuple[Box, ...],
         pile: Ground | None,
         placed: Ground | None,
-        held: tuple[Box, ...],
+        held: HeldPart | None,
         tolerance: float,
         berth: frozenset[str],
     ) -> None:
@@ -45,9 +45,10 @@ class Checker:
         T_joint_flange = frames[robot.flange].placement
 
         tool = [self._add(b.name, last, T_joint_flange, b) for b in tool_boxes]
-        part = [self._add("held", last, T_joint_flange, b) for b in held]
-        slim = [self._add("held", last, T_joint_flange, _smaller(b, tolerance)) for b in held]
-        self._held, self._tolerance, self._parts, self._T_joint_flange = held, tolerance, (part, slim), T_joint_flange
+        self._held, self._tolerance, self._T_joint_flange = held, tolerance, T_joint_flange
+        self._shapes = () if held is None else (*shapes(held.pieces), *shapes(held.pieces, tolerance))
+        self._parts = [self._add_shape("held", last, T, shape) for shape, T in self._placed_shapes()]
+        part, slim = self._parts[: len(self._parts) // 2], self._parts[len(self._parts) // 2 :]
         fixed = [self._add(b.name, 0, pin.SE3.Identity(), b) for b in obstacles]
         self._ground = pile
         ground = [] if self._ground is None else [self._add_shape("pile", 0, self._ground[1], self._ground[0])]
@@ -78,18 +79,22 @@ class Checker:
         self._margin, self._berth = 0.0, frozenset[str]()
         self._sort()
 
-    def takes(self, held: tuple[Box, ...], tolerance: float) -> bool:
-        """Hold boxes of the same sizes as before in another place; False where the sizes differ."""
-        if tolerance != self._tolerance or [b.size for b in held] != [b.size for b in self._held]:
-            return False
-        if any(a is not b for a, b in zip(held, self._held, strict=True)):
-            for indices in self._parts:
-                for k, box in zip(indices, held, strict=True):
-                    self.geometry.geometryObjects[k].placement = self._T_joint_flange * pin.SE3(
-                        np.array(box.T_world_box)
-                    )
+    def takes(self, held: HeldPart | None, tolerance: float) -> bool:
+        """Hold the pieces of before in another place; False where they are others."""
+        if held is None or self._held is None or tolerance != self._tolerance or held.pieces != self._held.pieces:
+            return held is self._held
+        if held is not self._held:
             self._held = held
+            for k, (_, T) in zip(self._parts, self._placed_shapes(), strict=True):
+                self.geometry.geometryObjects[k].placement = T
         return True
+
+    def _placed_shapes(self) -> list[Shape]:
+        """Those of the held part and then the smaller ones, in the frame of the last joint."""
+        if self._held is None:
+            return []
+        T = self._T_joint_flange * pin.SE3(np.array(self._held.T))
+        return [(shape, T * T_part_shape) for shape, T_part_shape in self._shapes]
 
     def stand_over(self, ground: Ground | None) -> None:
         """Check against this ground in place of the one before."""
@@ -156,8 +161,3 @@ class Checker:
 @lru_cache(maxsize=8)
 def _arm_geometry(robot: RobotModel) -> pin.GeometryModel:
     return pin.buildGeomFromUrdf(robot.kinematics, str(robot.urdf), pin.GeometryType.COLLISION)
-
-
-def _smaller(box: Box, tolerance: float) -> Box:
-    x, y, z = (max(edge - 2 * tolerance, 1e-4) for edge in box.size)
-    return replace(box, size=(x, y, z))

@@ -1,7 +1,7 @@
 """Collision checks of arm, tool and held part against obstacles, the scanned pile, and the arm itself.
 
-Geometry is exact for boxes and cylinders (Coal) behind a broad phase (Pinocchio's dynamic AABB tree). The world frame
-is the robot's base frame. Fixed bodies (the arm's base among them) are never checked against each other.
+Geometry is exact for boxes, cylinders and convex hulls (Coal) behind a broad phase (Pinocchio's dynamic AABB tree). The
+world frame is the robot's base frame. Fixed bodies (the arm's base among them) are never checked against each other.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from cell.frames import Array, apply
 from robots.chain import travelled
 from robots.checker import Checker, Ground, Mode
 from robots.failure import Contact
+from robots.held import HeldPart
 from robots.inverse import arm_of
 from robots.model import RobotModel
 
@@ -83,13 +84,13 @@ class CollisionScene:
         self.start_boxes = self.tool_boxes if start_boxes is None else tuple(start_boxes)
         self._placed, self._placed_before = (None if f is None else _ground(f) for f in (placed, placed_before))
         self._ground = self._ground_held = None if heightfield is None else _ground(heightfield)
-        self._held: tuple[Box, ...] = ()
+        self._held: HeldPart | None = None
         self._tolerance = 0.0
         self._checkers: dict[str, Checker] = {}
-        self._corners_of: tuple[tuple[Box, ...] | None, Array] = (None, np.zeros((0, 3)))
+        self._corners_of: tuple[HeldPart | None, Array] | None = None
 
-    def hold(self, boxes_flange: Sequence[Box], tolerance: float = 0.005, without: HeightField | None = None) -> None:
-        """Attach a part, given as boxes in the flange frame; in mode `contact` it is `tolerance` [m] smaller all round.
+    def hold(self, held: HeldPart, tolerance: float = 0.005, without: HeightField | None = None) -> None:
+        """Attach a part, in the flange frame; in mode `contact` it is `tolerance` [m] smaller all round.
 
         A part at rest touches floor, walls and neighbours; the tolerance keeps an error of its estimated pose from
         reading as a collision.
@@ -97,7 +98,6 @@ class CollisionScene:
         Args:
             without: the pile as it is once the part is out of it; None for the pile as scanned, the part in it.
         """
-        held = tuple(boxes_flange)
         self._ground_held = self._ground if without is None else _ground(without)
         known = self._checkers.get("held")
         if known is not None and not known.takes(held, tolerance):
@@ -105,18 +105,18 @@ class CollisionScene:
         self._held, self._tolerance = held, tolerance
 
     @property
-    def held(self) -> tuple[Box, ...]:
-        """The held part's boxes in the flange frame."""
+    def held(self) -> HeldPart | None:
+        """The held part, in the flange frame."""
         return self._held
 
     def release(self) -> None:
         """Let the held part go."""
-        self._held = ()
+        self._held = None
 
     @contextmanager
     def empty_handed(self) -> Iterator[None]:
         """Without the held part for a while."""
-        held, self._held = self._held, ()
+        held, self._held = self._held, None
         try:
             yield
         finally:
@@ -204,12 +204,11 @@ class CollisionScene:
     @property
     def corners(self) -> Array:
         """Corners (n, 3) of tool and held part, and the flange, in the flange frame."""
-        known, corners = self._corners_of
-        if known is not self._held:
-            boxes = (*self.tool_boxes, *self.start_boxes, *self._held)
-            corners = np.concatenate([np.zeros((1, 3)), *(_corners(b) for b in boxes)])
-            self._corners_of = self._held, corners
-        return corners
+        if self._corners_of is None or self._corners_of[0] is not self._held:
+            held = [] if self._held is None else [self._held.corners]
+            boxes = (_corners(b) for b in (*self.tool_boxes, *self.start_boxes))
+            self._corners_of = self._held, np.concatenate([np.zeros((1, 3)), *boxes, *held])
+        return self._corners_of[1]
 
     def _checker(self, mode: Mode) -> Checker:
         state = "held" if self._held else "empty"

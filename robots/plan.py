@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.bin import Box
 from cell.frames import Array, invert
 from robots.checker import Mode
 from robots.collision import CollisionScene, HeightField
 from robots.dynamics import Load
 from robots.failure import Cause, PlanFailure, Refusal, Stage
+from robots.held import HeldPart
 from robots.inverse import FRONT, SIGMA_MIN, Branches, flange_poses, inverse
 from robots.join import Joined, join
 from robots.search import Method
@@ -44,9 +44,11 @@ class PickRequest:
         T_base_tool_grasp: (4, 4) TCP at the grasp; z is the approach direction, x the closing direction of the jaws.
         Ts_base_tool_place: (k, 4, 4) TCP where the part may be let go, most wanted first.
         T_flange_tool: (4, 4).
-        held_tool: the part as boxes in the TCP frame.
+        held: the part in the TCP frame.
         approach: length of the last line, along tool z to the grasp [m].
         retract: length of the first line with the part [m]; retract_direction: a unit vector in the world.
+        clear: of that line up to where the part is out of the bin [m]; where it is longer than `retract` and the arm
+            can follow it, the flight may begin as late as there.
         place_height: of the vertical line down to a place pose [m]; depart: of the vertical line away from q_start, 0
             for none.
         straight: length that is kept straight of each of these lines where the rest of it may be rounded into the
@@ -68,11 +70,12 @@ class PickRequest:
     T_base_tool_grasp: Array
     Ts_base_tool_place: Array
     T_flange_tool: Array
-    held_tool: tuple[Box, ...]
+    held: HeldPart
     q_end: Array | None
     approach: float = 0.10
     retract: float = 0.15
     retract_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    clear: float = 0.0
     place_height: float = 0.12
     speed: float = 1.0
     carry_acceleration: float = 15.0
@@ -194,13 +197,11 @@ def _plan_in_branch(
     if blocked is not None:
         return blocked
     q_grasp = found.q[0, slot]
-    hold = tuple(replace(b, T_world_box=request.T_flange_tool @ b.T_world_box) for b in request.held_tool)
 
     out = _stop(scene, request, grasp, q_grasp, request.way_back, "contact", Stage.APPROACH_LINE, "approach line")
     if isinstance(out, PlanFailure):
         return out
-    rise = request.retract * np.array(request.retract_direction)
-    up = _stop(scene, request, grasp, q_grasp, rise, "contact", Stage.LIFT_LINE, "lift line")
+    up = _lift(scene, request, grasp, q_grasp)
     if isinstance(up, PlanFailure):
         return up
     start = _start(scene, request)
@@ -215,7 +216,7 @@ def _plan_in_branch(
     contact = scene.path_contact(q[cleared : narrow + 1], "leave") if request.narrowing else None
     if contact is not None:  # where the arm stopped on its way, the jaws may meet something before they are narrow
         return PlanFailure(Stage.APPROACH, Refusal(Cause.COLLISION, contact=contact), "way to the grasp")
-    scene.hold(hold, request.held_tolerance, request.pile_without)
+    scene.hold(request.held.seen_from(request.T_flange_tool), request.held_tolerance, request.pile_without)
     placed = _place(scene, request, up, slot)
     if isinstance(placed, PlanFailure):
         return placed
@@ -224,6 +225,16 @@ def _plan_in_branch(
     lift, carry_on = _split(carry[0], first_beyond(scene.robot, carry[0].q, request.T_flange_tool, request.retract))
     sigma = float(found.sigma[0, slot])
     return PickPlan(approach[0], lift, carry_on, leave[0], k, slot, sigma, methods, cleared)
+
+
+def _lift(scene: CollisionScene, request: PickRequest, grasp: Array, q: Array) -> Stop | PlanFailure:
+    """The grasp with the line away from it, which goes on till the part is out of the bin if the arm can follow it."""
+    way = np.array(request.retract_direction)
+    if request.clear > request.retract:
+        line = Line(scene.robot, grasp, q, request.clear * way)
+        if isinstance(line.path, JointPath):
+            return Stop(q, line, "contact", request.straight or request.retract)
+    return _stop(scene, request, grasp, q, request.retract * way, "contact", Stage.LIFT_LINE, "lift line")
 
 
 def _start(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailure:

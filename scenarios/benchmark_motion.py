@@ -11,7 +11,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -204,7 +204,7 @@ def _ik_time(robot: RobotModel, request: PickRequest) -> float:
 
 def _collision_time(scene: CollisionScene, request: PickRequest, plan: PickPlan) -> float:
     """Of one check of arm, tool and held part on the way to the place, in [s]."""
-    scene.hold([replace(b, T_world_box=request.T_flange_tool @ b.T_world_box) for b in request.held_tool])
+    scene.hold(request.held.seen_from(request.T_flange_tool))
     rows = plan.carry.q[:: max(1, len(plan.carry.q) // 50)]
     seconds, _ = _quickest(lambda: [scene.free(q) for q in rows])
     scene.release()

@@ -6,16 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.bin import Box
 from cell.camera import DepthFrame
 from cell.execute import OPEN_EASE
 from cell.frames import Array, apply, invert
 from cell.jaw import ParallelJaw
-from cell.tool import in_frame
 from grasping.candidates import GraspCandidate
 from robots.collision import CollisionScene, HeightField
 from robots.dynamics import Load
 from robots.failure import PlanFailure
+from robots.held import HeldPart
 from robots.plan import PickPlan, PickRequest, check_grasps, plan_pick
 from scenarios.free_motion import free_plan
 from scenarios.memory import Memory, waits_at
@@ -24,6 +23,7 @@ from scenarios.workcell import Workcell
 
 SEARCHES = 6
 """Candidates of a decision for which a path is searched, which takes seconds; then only quick ways are tried."""
+OVER_RIM = 0.008  # [m] the lowest corner of a part that has been lifted out of the bin
 CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 
 
@@ -80,7 +80,7 @@ class FreePlanner:
 def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: int) -> PickRequest:
     """What the planner is asked for one candidate."""
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
-    boxes = [Box(f"held_{i}", size, T) for i, (size, T) in enumerate(cell.workpiece.piece_boxes())]
+    held = HeldPart(cell.workpiece.pieces, T_tool_part)
     places = memory.place.tool_poses(candidate.T_part_tool, candidate.opening)
     cups, middle = not isinstance(cell.gripper, ParallelJaw), cell.source.T_world_bin[:2, 3]
     off = _off(candidate.T_world_tool, middle) if cups else (0.0, 0.0, 1.0)
@@ -90,10 +90,11 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         T_base_tool_grasp=candidate.T_world_tool,
         Ts_base_tool_place=places,
         T_flange_tool=T_flange_tool,
-        held_tool=tuple(in_frame(boxes, T_tool_part)),
+        held=held,
         approach=candidate.point.approach_distance,
         retract_direction=off,
         retract=candidate.point.retract_distance,
+        clear=_out_of_bin(cell, held.seen_from(candidate.T_world_tool), off[2]),
         place_height=memory.place.line,
         carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
         seed=seed,
@@ -106,6 +107,12 @@ def request_of(cell: Workcell, candidate: GraspCandidate, memory: Memory, seed: 
         tool_load=Load(cell.gripper.mass, cell.gripper.centre),
         part_load=Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0]),
     )
+
+
+def _out_of_bin(cell: Workcell, held: HeldPart, up: float) -> float:
+    """Length in [m] of the line on which a part, given in the world, comes OVER_RIM over the rim; `up` is its slope."""
+    rim = cell.source.T_world_bin[2, 3] + cell.source.inner[2]
+    return float(max(0.0, rim + OVER_RIM - held.corners[:, 2].min()) / up)
 
 
 def _off(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:

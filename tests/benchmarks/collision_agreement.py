@@ -19,12 +19,14 @@ import numpy as np
 from cell._pybullet import connect, pybullet
 from cell.bin import Box
 from cell.frames import Array, to_quat_xyzw
+from cell.pieces import CollisionBox
 from robots.collision import CollisionScene
 from robots.model import RobotModel, load_robot
 from tests.robots.arm_cell import CELL, PART, T_FLANGE_TOOL, TOOL
 
 NEAR = 0.001  # [m] from contact within which the two may disagree
-HELD = tuple(Box("held", b.size, T_FLANGE_TOOL @ b.T_world_box) for b in PART)
+HELD = PART.seen_from(T_FLANGE_TOOL)
+HELD_BOXES = tuple(Box("held", p.size, HELD.T @ p.T_part_box) for p in PART.pieces if isinstance(p, CollisionBox))
 PILE = tuple(
     Box(f"pile_{i}_{j}", (0.04, 0.04, 0.02 + 0.012 * ((3 * i + 5 * j) % 7)), T)
     for i in range(5)
@@ -43,9 +45,9 @@ class Physics:
         infos = [self.client.getJointInfo(self.arm, j) for j in range(self.client.getNumJoints(self.arm))]
         self.joints = [{i[1].decode(): i[0] for i in infos}[name] for name in robot.joints]
         self.flange = {i[12].decode(): i[0] for i in infos}["tool0"]
-        self.tool, self.held, self.fixed = (self._body(boxes) for boxes in (TOOL, HELD, (*CELL, *PILE)))
+        self.tool, self.held, self.fixed = (self._body(boxes) for boxes in (TOOL, HELD_BOXES, (*CELL, *PILE)))
         self.each_carried, self.each_fixed = (
-            [self._body([box]) for box in boxes] for boxes in ((*TOOL, *HELD), (*CELL, *PILE))
+            [self._body([box]) for box in boxes] for boxes in ((*TOOL, *HELD_BOXES), (*CELL, *PILE))
         )
 
     def every_distance(self, q: Array) -> float:

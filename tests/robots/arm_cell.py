@@ -6,7 +6,9 @@ import numpy as np
 
 from cell.bin import Bin, Box, table
 from cell.frames import Array, about_axis, make_transform
+from cell.pieces import CollisionBox
 from robots.dynamics import Load, torques
+from robots.held import HeldPart
 from robots.model import RobotModel
 from robots.plan import PickRequest
 from robots.trajectory import Trajectory
@@ -18,7 +20,7 @@ TOOL = (
     Box("finger_left", (0.005, 0.010, 0.070), make_transform(t=(-0.02, 0, 0.125))),
     Box("finger_right", (0.005, 0.010, 0.070), make_transform(t=(0.02, 0, 0.125))),
 )
-PART = (Box("part", (0.018, 0.056, 0.014), make_transform(t=(0, 0, 0.002))),)
+PART = HeldPart((CollisionBox(size=(0.018, 0.056, 0.014), centre=(0, 0, 0.002)),), make_transform())
 SOURCE = Bin("source", (0.26, 0.20, 0.08), 0.006, (0.45, 0.0, 0.01))
 PLACE = Bin("place", (0.26, 0.20, 0.08), 0.006, (0.25, -0.40, 0.01))
 CELL = (table((1.4, 1.4, 0.05), (0.2, 0, 0)), *SOURCE.boxes(), *PLACE.boxes())

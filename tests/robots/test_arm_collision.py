@@ -11,7 +11,7 @@ from robots.inverse import inverse
 from robots.model import RobotModel, forward
 from tests.robots.arm_cell import CELL, DOWN, PART, T_FLANGE_TOOL, TOOL
 
-HELD = tuple(Box(b.name, b.size, T_FLANGE_TOOL @ b.T_world_box) for b in PART)
+HELD = PART.seen_from(T_FLANGE_TOOL)
 
 
 def at(robot: RobotModel, x: float, y: float, z: float) -> Array:

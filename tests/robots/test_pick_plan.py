@@ -60,7 +60,7 @@ def assert_carries_out(scene: CollisionScene, request: PickRequest, plan: PickPl
     before_line = np.linalg.norm(into, axis=1) > request.approach
     assert scene.path_contact(plan.approach.q[before_line]) is None
     assert scene.path_contact(plan.leave.q) is None
-    scene.hold([Box(b.name, b.size, T_FLANGE_TOOL @ b.T_world_box) for b in request.held_tool], request.held_tolerance)
+    scene.hold(request.held.seen_from(T_FLANGE_TOOL), request.held_tolerance)
     assert scene.path_contact(plan.lift.q, "contact") is None
     assert scene.path_contact(plan.carry.q) is None
     scene.release()
@@ -91,7 +91,22 @@ def test_a_pick_from_home_to_home(robot: RobotModel, scene: CollisionScene, x: f
     plan = plan_pick(scene, request)
     assert isinstance(plan, PickPlan), plan
     assert_carries_out(scene, request, plan)
-    assert scene.held == ()
+    assert scene.held is None
+
+
+def test_a_part_at_a_high_wall_is_lifted_out_before_it_turns_away(robot: RobotModel) -> None:
+    """A first line of 6 cm ends beside the wall, where the part cannot turn; the longer one ends above it."""
+    wall = Box("wall", (0.006, 0.30, 0.14), make_transform(t=(0.45 - 0.0125, 0.0, 0.07)))
+    thin = tuple(b for b in TOOL if b.name != "palm")
+    request = replace(request_at(robot, 0.45, 0.0), q_end=None, retract=0.06, straight=0.012, searched=False)
+    short = plan_pick(CollisionScene(robot, thin, [*CELL, wall]), request)
+    assert isinstance(short, PlanFailure) and short.stage == Stage.CARRY, short
+    scene = CollisionScene(robot, thin, [*CELL, wall])
+    plan = plan_pick(scene, replace(request, clear=0.13))
+    assert isinstance(plan, PickPlan), plan
+    assert_carries_out(scene, request, plan)
+    unbound = plan_pick(CollisionScene(robot, thin, CELL), replace(request, clear=0.13))
+    assert isinstance(unbound, PickPlan) and unbound.carry.duration < plan.carry.duration  # not longer than need be
 
 
 def test_picks_one_after_the_other_without_going_home(robot: RobotModel, scene: CollisionScene) -> None:

@@ -37,7 +37,7 @@ def test_flights_keep_a_berth_off_walls(robot: RobotModel) -> None:
         around = CollisionScene(robot, TOOL, [swollen(fence, BERTH / np.sqrt(2))])
         for given in touched:
             plan = planned(CollisionScene(robot, TOOL, [*CELL, fence], berth=("fence",) if given else ()), request)
-            around.hold([Box(b.name, b.size, T_FLANGE_TOOL @ b.T_world_box) for b in request.held_tool])
+            around.hold(request.held.seen_from(T_FLANGE_TOOL))
             touched[given] += around.path_contact(plan.carry.q) is not None
             around.release()
     assert touched[False] >= 1 and touched[True] == 0

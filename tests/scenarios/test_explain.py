@@ -13,9 +13,11 @@ from rich.console import Console
 
 from cell.bin import Box
 from cell.frames import Array, make_transform
+from cell.pieces import CollisionBox
 from grasping.verdict import CHOSEN, Verdict
 from robots.collision import CollisionScene, HeightField
 from robots.failure import PlanFailure
+from robots.held import HeldPart
 from robots.model import RobotModel, load_robot
 from robots.plan import check_grasps, plan_pick
 from scenarios.cli import main
@@ -66,12 +68,12 @@ def test_an_outstretched_arm_is_singular(robot: RobotModel) -> None:
 
 def test_what_is_in_the_way_of_whom(robot: RobotModel) -> None:
     base = request_at(robot, 0.45, 0.0)
-    wide = (Box("part", (0.30, 0.05, 0.01), make_transform()),)
+    wide = HeldPart((CollisionBox(size=(0.30, 0.05, 0.01), centre=(0, 0, 0)),), make_transform())
     above = make_transform(t=(0.0, 0.0, 0.15)) @ base.Ts_base_tool_place  # the part is free there
     lid = Box("lid", (0.26, 0.20, 0.01), make_transform(t=(0.45, 0, 0.13)))
     hill = HeightField(np.full((60, 60), 0.12), 0.33, -0.12, 0.004)
     cases = [
-        (CollisionScene(robot, TOOL, CELL), replace(base, held_tool=wide, Ts_base_tool_place=above), Verdict.HELD_BIN),
+        (CollisionScene(robot, TOOL, CELL), replace(base, held=wide, Ts_base_tool_place=above), Verdict.HELD_BIN),
         (CollisionScene(robot, TOOL, [*CELL, lid]), base, Verdict.PATH_BLOCKED),
         (CollisionScene(robot, TOOL, CELL, hill), base, Verdict.GRIPPER_HEAP),
         (CollisionScene(robot, TOOL, CELL), replace(base, Ts_base_tool_place=deep()), Verdict.PATH_BLOCKED),

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from cell.arm import Arm
-from cell.bin import Bin, Box, table
+from cell.bin import Bin, table
 from cell.execute import MotionLog, execute, wait
 from cell.frames import Array, from_rpy, invert, make_transform
 from cell.grip import grip, held, release
 from cell.gripper import load_gripper
 from cell.magnet import Magnet
 from cell.observe import observe
-from cell.tool import Gripper, in_frame
+from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from cell.world import World
 from robots.collision import CollisionScene
+from robots.held import HeldPart
 from robots.model import load_robot
 from robots.plan import PickPlan, PickRequest, plan_pick
 from scenarios.outcome import Evidence, judge
@@ -59,7 +60,6 @@ def empty_the_bin(gripper: Gripper, workpiece: Workpiece, count: int) -> list[st
         before = observe(world, [SOURCE_BIN, PLACE_BIN])
         T_world_tool = tool_on(gripper, world.part_pose(i), workpiece)
         T_part_tool = invert(world.part_pose(i)) @ T_world_tool
-        boxes = [Box(f"held_{k}", size, T) for k, (size, T) in enumerate(workpiece.piece_boxes())]
         plan = plan_pick(
             scene,
             PickRequest(
@@ -68,7 +68,7 @@ def empty_the_bin(gripper: Gripper, workpiece: Workpiece, count: int) -> list[st
                 T_base_tool_grasp=T_world_tool,
                 Ts_base_tool_place=places.tool_poses(T_part_tool),
                 T_flange_tool=gripper.T_flange_tool,
-                held_tool=tuple(in_frame(boxes, invert(T_part_tool))),
+                held=HeldPart(workpiece.pieces, invert(T_part_tool)),
                 approach=0.06,
                 retract=0.10,
                 place_height=0.08,

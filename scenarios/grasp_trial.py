@@ -15,7 +15,7 @@ import numpy as np
 
 from cell.bin import Bin, table
 from cell.execute import execute
-from cell.frames import Array, about_axis, invert, make_transform, rotation_angle
+from cell.frames import Array, about_axis, apply, invert, make_transform, rotation_angle
 from cell.grip import grip, held
 from cell.jaw import ParallelJaw
 from cell.tool import Gripper
@@ -35,12 +35,18 @@ SHIFT, TURN = 0.0015, np.deg2rad(2.0)  # errors of a pose for which a grasp is t
 
 @dataclass(frozen=True)
 class Trial:
-    """One grasp in the physics: whether the workpiece was still held, and how far it slid in the fingers."""
+    """One grasp in the physics: whether the workpiece was still held, and how far it slid in the fingers.
+
+    Attributes:
+        slip, turn: of its centre of mass in [m] and of itself in [rad], from grip to the end of the shake.
+        pushed: way of the corner of its bounding box that moved farthest until it was gripped [m].
+    """
 
     held: bool
     slip: float
     turn: float
     reason: str
+    pushed: float = 0.0
 
 
 class TrialCell:
@@ -92,6 +98,9 @@ class TrialCell:
         if taken.parts != (0,):
             return Trial(False, 0.0, 0.0, ", ".join(sorted({f for f in taken.faces if f})) or "closed on nothing")
         T_tool_part = invert(self.arm.tool_pose()) @ self.world.part_pose(0)
+        corners = self.workpiece.mesh.bounding_box.vertices
+        shift = apply(self.world.part_pose(0), corners) - apply(T_world_part, corners)
+        pushed = float(np.linalg.norm(shift, axis=1).max())
         for way in ((0.0, 0.0, LIFT), (SHAKE, 0.0, LIFT), (0.0, SHAKE, LIFT)):
             self._line(make_transform(t=way) @ T_world_tool)
             if held(self.world, self.arm) != (0,):
@@ -99,7 +108,7 @@ class TrialCell:
         moved = invert(T_tool_part) @ invert(self.arm.tool_pose()) @ self.world.part_pose(0)
         com = np.append(self.workpiece.com, 1.0)
         slip, turn = float(np.linalg.norm((moved @ com - com)[:3])), float(rotation_angle(moved[:3, :3]))
-        return Trial(True, slip, turn, "")
+        return Trial(True, slip, turn, "", pushed)
 
     def _line(self, T_world_tool: Array) -> None:
         """Straight to a tool pose of the same rotation, from rest to rest."""

@@ -14,11 +14,12 @@ from scenarios.tune_bins import points_hash, run_cell
 from scenarios.tune_grasps import GraspChange
 from scenarios.tune_plan import Plan, Tell
 from scenarios.tune_race import Finish, race
-from scenarios.tune_search import Search, Told, Values, run_searches
+from scenarios.tune_search import Search, Told, Trial, Values, run_searches
 from scenarios.tune_space import PRIORITY, TABLE, candidate, cell_parameters
 
 PER_ROUND = 4
 """Cells of a round; fixed, so that the outcome is the same for any number of workers."""
+NORMAL95 = 1.96
 SHRINK_EPISODES = 2  # without any gain, that every candidate is taken to have run before
 CELL = "cell"
 
@@ -61,6 +62,25 @@ def tune_cell(
     if parameters:
         run_searches({CELL: search}, evaluate, PER_ROUND, plan.rounds, go_on)
     return search
+
+
+def winner(search: Search) -> Trial | None:
+    """The cell to be proposed, None where none is above the start.
+
+    A cell that was given, the moved table with one set of priorities or the other, is taken before one whose weights
+    were drawn, unless that is better by more than one standard error: of some cells over a few bins the best one is
+    mostly the luckiest (the one-standard-error rule, Breiman et al. 1984).
+    """
+
+    def best_of(trials: Sequence[Trial]) -> Trial | None:
+        able = [t for t in trials if not t.detail["dropped"] and t.value > 0]
+        return max(able, key=lambda t: (t.value, -t.number), default=None)
+
+    best, given = best_of(search.trials), best_of(search.trials[: search.given])
+    if best is None or given is None:
+        return best
+    low, high = best.detail["interval95"]
+    return given if given.value >= best.value - (high - low) / (2 * NORMAL95) else best
 
 
 def _told(finish: Finish) -> Told:

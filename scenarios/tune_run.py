@@ -16,7 +16,7 @@ from scenarios.parallel import Map
 from scenarios.pool import Runner
 from scenarios.scenario import Scenario
 from scenarios.tune_bins import on_unseen_bins
-from scenarios.tune_cell import CELL, tune_cell
+from scenarios.tune_cell import CELL, tune_cell, winner
 from scenarios.tune_grasps import GraspChange, settle, tune_grasps
 from scenarios.tune_plan import Plan, Tell
 from scenarios.tune_search import Told, Trial
@@ -69,9 +69,9 @@ def run_plan(
     searches = tune_grasps(plan, journal, run, tell, trial, before(STAGES[0]))
     changes, tuned = settle(plan, searches, run, trial)
     cells = tune_cell(plan, journal, runner, tuned, changes, tell, before(STAGES[1]))
-    best = max((t for t in cells.trials if not t.detail["dropped"]), key=lambda t: (t.value, -t.number), default=None)
+    best = winner(cells)
     points, scenario, values = list(plan.points), plan.scenario, {}
-    if best is not None and best.value > 0:
+    if best is not None:
         values = best.values
         points, scenario = candidate(values, (plan.points, tuned), plan.scenario)
     comparison = None

@@ -101,6 +101,11 @@ class Search:
         self._given = [{p.name: p.start for p in self.parameters}, *given]
 
     @property
+    def given(self) -> int:
+        """How many points the first generation began with: the start and those given."""
+        return len(self._given)
+
+    @property
     def trials(self) -> list[Trial]:
         """Those told, in their order."""
         found = self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))

@@ -23,6 +23,7 @@ POSES_TRIED = 2
 """Resting poses, likeliest first, of those that leave the gripper room."""
 HOPELESS = 3  # errors, none among them, after which a grasp that never held is given up
 SLIP = 0.005  # [m] in the fingers that costs a held trial half of what it is worth
+PUSHED, PUSH_COST = 0.010, 0.4  # [m] by which closing moves the workpiece, and what that costs a held trial
 OPEN_COST, FAR_COST = 0.15, 0.05  # of the widest opening, and of the farthest move: where physics cannot tell, less
 NEARLY = {"lost in the shake": 0.2, "lost in the lift": 0.15}  # what a grasp is worth that held for a while
 STRADDLED = 0.1  # and one that held nothing, by how nearly its fingers go over the workpiece
@@ -59,7 +60,7 @@ def draw_errors(rng: np.random.Generator, p95: dict[str, float] | None = None, d
 
 
 def try_point(task: GraspTask) -> Told:
-    """Share of the errors under which the grasp holds, less for slip, for a wide opening and for being moved far.
+    """Share of the errors under which the grasp holds, less for slip, pushes, a wide opening and for being moved far.
 
     Each error is tried at another of the poses that the grasp point stands for: turned, slid, or of a symmetric copy.
     Where it does not hold it is worth a little the nearer it came: a search that sees only zeros finds nothing.
@@ -67,7 +68,7 @@ def try_point(task: GraspTask) -> Told:
     cell, resting = _cell(task.workpiece, task.gripper)
     cell.rebuild()
     worth: list[float] = []
-    held, tried, slip, reasons = 0, 0, 0.0, []
+    held, tried, slip, pushed, reasons = 0, 0, 0.0, 0.0, []
     for k, candidates in list(lying(task.point, resting, cell.workpiece, cell.gripper))[:POSES_TRIED]:
         spread = np.linspace(0, len(candidates) - 1, len(task.errors)).round().astype(int)
         for i, error in enumerate(task.errors):
@@ -78,7 +79,9 @@ def try_point(task: GraspTask) -> Told:
             held += trial.held
             slip = max(slip, trial.slip)
             if trial.held:
-                worth.append(1.0 - 0.5 * min(trial.slip / SLIP, 1.0))
+                pushed = max(pushed, trial.pushed)
+                way = PUSH_COST * min(trial.pushed / PUSHED, 1.0)
+                worth.append(1.0 - 0.5 * min(trial.slip / SLIP, 1.0) - way)
             else:
                 near = STRADDLED * straddled(cell, resting[k], one.T_world_tool, one.opening)
                 worth.append(NEARLY.get(trial.reason, near))
@@ -93,6 +96,7 @@ def try_point(task: GraspTask) -> Told:
     share = held / tried if tried else 0.0
     reason = max(set(reasons), key=lambda r: (reasons.count(r), r)) if reasons else ""
     detail = {"share": share, "trials": tried, "slip_mm": round(1000 * slip, 3), "reason": reason}
+    detail["pushed_mm"] = round(1000 * pushed, 3)
     return Told((float(np.mean(worth)) if worth else 0.0) - cost, detail if tried else detail | {"reason": "no room"})
 
 

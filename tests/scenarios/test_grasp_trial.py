@@ -54,6 +54,17 @@ def test_good_grasps_hold_and_bad_ones_do_not(cell: TrialCell) -> None:
     assert again.held and again.slip == pytest.approx(good.slip, abs=2e-4)  # trials do not spoil each other
 
 
+def test_jaws_that_are_off_push_the_workpiece_by_as_much(cell: TrialCell) -> None:
+    """Held in the end, but after a push of 4 mm: in a bin that is a neighbour or a wall, and a place missed."""
+    tries = ((T, best_candidate(grasp("edge_of_plate"), T, BRACKET, JAW)) for T in cell.resting_poses())
+    T, best = next((T, found) for T, found in tries if isinstance(found, GraspCandidate))
+    wide = best.opening + 0.010
+    for off in (0.0, 0.002, 0.004):
+        trial = cell.try_grasp(T, best.T_world_tool @ make_transform(t=(off, 0.0, 0.0)), wide)
+        assert trial.held and trial.slip < 1e-3
+        assert trial.pushed == pytest.approx(off, abs=7e-4)
+
+
 def test_without_weight_a_workpiece_stays_in_the_air_until_it_is_gripped(cell: TrialCell) -> None:
     """The same grasp as on the table holds there; where the jaws close on nothing the workpiece falls."""
     T = make_transform(t=(0.0, 0.0, 0.3)) @ cell.resting_poses()[0]

@@ -24,11 +24,12 @@ from scenarios.grasp_trial import TrialCell
 from scenarios.parallel import mapping
 from scenarios.scenario import SHIPPED, Scenario, load_scenario
 from scenarios.store import FILE
+from scenarios.tune_cell import winner
 from scenarios.tune_files import changed_scenario, changed_table
 from scenarios.tune_plan import Plan
 from scenarios.tune_report import move
 from scenarios.tune_run import Result, run_plan
-from scenarios.tune_search import open_journal
+from scenarios.tune_search import Parameter, Search, Told, open_journal
 from scenarios.tune_space import SHIFTS, TURNS, Reach, candidate, cell_parameters, grasp_parameters, moved, parse_field
 from scenarios.tune_trial import GraspTask, draw_errors, straddled, try_point
 
@@ -155,6 +156,31 @@ def tuned(out: Path, workers: int) -> Result:
         return run_plan(plan, open_journal(out), run, planted_episode.run_episode, trial=planted_tune.trial)
 
 
+@pytest.mark.parametrize(
+    ("gains", "half_width", "wins"),
+    [
+        ((0.0, 0.30, 0.36, 0.40), 0.10, 2),  # 0.40 is luck: one standard error is 0.05
+        ((0.0, 0.30, 0.36, 0.45), 0.10, 3),
+        ((0.0, -0.1, -0.2, 0.10), 0.50, 3),  # a given cell that loses is never taken
+        ((0.0, -0.1, -0.2, -0.1), 0.10, None),
+        ((0.0, 0.2, 0.1, 0.15), 0.10, 1),
+    ],
+)
+def test_drawn_weights_must_be_clearly_better_than_the_moved_table(
+    tmp_path: Path, gains: tuple[float, ...], half_width: float, wins: int | None
+) -> None:
+    """Weights drawn at random won by two picks in four bins, and lost 16 points in the unseen ones."""
+    weight = Parameter("grasping.weight_height", 0.0, 2.0, 1.0)
+    search = Search(open_journal(tmp_path), "cell", [weight], 0, [{weight.name: 1.2}, {weight.name: 1.4}])
+    search.tell(search.ask(4)[:0], [])  # asked, and then interrupted
+    search = Search(open_journal(tmp_path), "cell", [weight], 0, [{weight.name: 1.2}, {weight.name: 1.4}])
+    asked = search.ask(4)
+    told = [Told(g, {"dropped": False, "interval95": [g - half_width, g + half_width]}) for g in gains]
+    search.tell(asked, told)
+    found = winner(search)
+    assert (None if found is None else gains.index(found.value)) == wins
+
+
 def test_the_page_says_what_moved(tmp_path: Path) -> None:
     point, plan = POINTS["plate_from_top"], plan_in(tmp_path)
     still = move(plan, point, point)
@@ -223,6 +249,19 @@ def test_a_grasp_beside_the_part_is_moved_onto_it_in_the_physics(tmp_path: Path)
     assert (
         try_point(GraspTask("bracket", "jaw_v1", good, errors)) == first
     )  # to the last bit, whatever was tried before
+
+
+def test_a_grasp_that_pushes_is_worth_less() -> None:
+    """Both hold under every error; the one that closes 4 mm off would push neighbours."""
+    good = POINTS["edge_of_plate"].model_copy(update={"opening": POINTS["edge_of_plate"].width + 0.012, "stroke": None})
+    centre = np.asarray(good.centre) + 0.004 * np.asarray(good.closing)
+    errors = draw_errors(np.random.default_rng(0), draws=3)
+    still, off = (
+        try_point(GraspTask("bracket", "jaw_v1", point, errors))
+        for point in (good, good.model_copy(update={"centre": tuple(centre.tolist())}))
+    )
+    assert still.detail["share"] == off.detail["share"] == 1.0
+    assert off.detail["pushed_mm"] > still.detail["pushed_mm"] + 1.5 and off.value < still.value - 0.05
 
 
 def test_a_grasp_that_holds_nothing_is_worth_more_the_nearer_it_comes() -> None:

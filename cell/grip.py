@@ -47,6 +47,7 @@ def grip(world: World, arm: Arm) -> Grip:
 
 def release(world: World, arm: Arm, opening: float | None = None) -> Grip:
     """Open the jaws to `opening` [m] (all the way by default), or switch off until vacuum or field is gone."""
+    world.unanchor(held(world, arm))
     if isinstance(arm.gripper, ParallelJaw):
         jaws = open_jaws(world, arm, opening)
         return Grip(jaws.parts, jaws.log)

@@ -8,7 +8,7 @@ saveState/restoreState is not exact for compound shapes, and a bad body id is ig
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -239,6 +239,15 @@ class World:
     def wake(self, index: int) -> None:
         """Wake one workpiece; Bullet wakes by itself only what is touched."""
         self.client.changeDynamics(self.parts[index], -1, activationState=pybullet.ACTIVATION_STATE_WAKE_UP)
+
+    def unanchor(self, parts: Iterable[int]) -> None:
+        """Take the friction anchors from workpieces that are let go: on a floor they would rock for ever.
+
+        Anchors pull a contact point back to where it was found. In a hand, whose fingers have their own, and in a pile
+        that keeps all from creeping; a workpiece set down askew they drive from edge to edge (docs/cell.md).
+        """
+        for i in parts:
+            self.client.changeDynamics(self.parts[i], -1, frictionAnchor=0)
 
     def doze(self) -> None:
         """Put workpieces to sleep that are at rest now and were at the last call; call it every 100 ms or so.

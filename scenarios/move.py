@@ -100,7 +100,10 @@ def move(
         robot_s, set_back = world.time - start, back.stopped
         if set_back:
             arm.reset(cell.home)
-    world.run_until_rest(REST_LIMIT)
+    if not world.run_until_rest(REST_LIMIT):
+        world.unanchor(
+            np.flatnonzero(~world.at_rest()).tolist()
+        )  # this attempt's verdict stands; the next sees it still
     after = cell.observe()
     return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back), robot_s
 

@@ -47,7 +47,7 @@ TOLERANCE = (0.005, 0.1)
 """T_e: [m], and share of the longest side, of which the smaller counts."""
 SMALL = 0.015
 """Of the longest side, up to which a difference counts as none however noisy the camera is."""
-PROPOSED, BATCH, ENOUGH, GRIPPERS = 24, 3, 12, 4
+PROPOSED, BATCH, ENOUGH, GRIPPERS = 72, 3, 24, 4
 SECONDS = 75.0
 """[s] of processor time for grasps, after which those that hold will do."""
 

@@ -1,0 +1,32 @@
+"""What is let go comes to rest; anchored, a casting set down 5 degrees askew rocks from edge to edge for ever."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cell.bin import table
+from cell.frames import about_axis, apply, make_transform
+from cell.workpiece import load_workpiece
+from cell.world import World
+
+
+def test_a_workpiece_set_down_askew_rests(new_world: Callable[..., World]) -> None:
+    casting = load_workpiece("ps6d_7")
+    Ts, _ = casting.mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.05)
+    world = new_world()
+    world.add_box(table((6.0, 6.0, 0.1), (0.0, 0.0, 0.0)))
+    world.add_part(casting, make_transform(t=(0.0, 0.0, 1.0)))
+
+    def rests(T: np.ndarray, seed: int) -> bool:
+        axis = np.append(np.random.default_rng(seed).normal(size=2), 0.0)
+        T = about_axis(axis, np.deg2rad(5.0)) @ T
+        low = apply(T, casting.vertices)[:, 2].min()
+        world.place_part(0, make_transform(t=(-T[0, 3], -T[1, 3], 0.002 - low)) @ T)
+        return world.run_until_rest(2.0, sleep=False)
+
+    tries = [(T, seed) for T in np.asarray(Ts)[:3] for seed in range(6)]
+    anchored = [rests(*one) for one in tries]
+    world.unanchor([0])
+    assert all(rests(*one) for one in tries) and not all(anchored)

@@ -185,7 +185,8 @@ class Panel:
     def results(self, outcomes: dict[str, Outcome], seconds: float) -> None:
         """What came of a try in each place."""
         rows = [f"| {name} | {_said(outcome)} |" for name, outcome in outcomes.items()]
-        self._results.content = "\n".join(["| where | what came of it |", "|---|---|", *rows, "", f"{seconds:.1f} s"])
+        table = ["| where | what came of it |", "|---|---|", *rows]
+        self._results.content = "\n".join([*table, "", f"took {seconds:.1f} s"])
         films = tuple(name for name, outcome in outcomes.items() if outcome.film is not None)
         self._film.visible = bool(films)
         if films:

@@ -109,6 +109,39 @@ def test_a_broken_file_is_shown_and_its_mending_noticed(table: Path) -> None:
         built.close()
 
 
+def test_a_file_mended_to_what_it_was_is_edited_on_and_the_complaint_goes(editor: GraspEditor, table: Path) -> None:
+    whole = table.read_text()
+    table.write_text("gripper: [")
+    soon(lambda: "syntax error stands there). Mend it" in shown(editor))
+    editor.act("on / off")
+    mine = editor.document.text
+    table.write_text(whole)
+    soon(lambda: "can be read again" in shown(editor))
+    assert "cannot be edited" not in shown(editor) and editor.document.text == mine
+    editor.act("save")
+    assert table.read_text() == mine
+
+
+def test_a_button_says_what_it_did_where_nothing_moves(editor: GraspEditor) -> None:
+    editor.act("undo")
+    assert "nothing to undo" in shown(editor)
+    editor.act("redo")
+    assert "nothing to redo" in shown(editor)
+    editor.act("down")
+    assert f"is number 2 of {len(editor.document.points)}" in shown(editor)
+    editor.act("undo")
+    assert "nothing" not in shown(editor)
+
+
+def test_the_terminal_names_one_address(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = GraspEditor(BRACKET, JAW, table, port=0, host="0.0.0.0", token="t")
+    try:
+        assert "http" not in capsys.readouterr().out  # the caller prints `url`
+        assert "0.0.0.0" not in built.url and built.url.endswith("/?token=t")
+    finally:
+        built.close()
+
+
 def test_films_show_the_slip_that_the_trial_measured() -> None:
     cell = TrialCell(BRACKET, JAW)
     try:
@@ -206,6 +239,8 @@ def test_open_move_try_save_reopen_in_a_browser(editor: GraspEditor, table: Path
         write(browser, "name", "from_the_top")
         write(browser, "centre [mm]", "9")
         soon(lambda: editor.document.points[0].name == "from_the_top" and editor.document.points[0].centre[0] == 0.009)
+        write(browser, "depths [mm]", "3 x")
+        browser.until("document.body.innerText.includes('Not taken')", PATIENCE)
         open_tab(browser, "Try")
         press(browser, "Try this grasp")
         browser.until("document.body.innerText.includes('holds, slips')", PATIENCE)

@@ -79,6 +79,9 @@ class EditorScene:
             text = "any angle" if i == symmetry.infinite_axis else f"every {degrees:g} deg"
             scene.add_label(f"/part/symmetry/{AXES[i]}_name", f"{AXES[i]}: {text}", position=end)
         scene.add_icosphere("/part/symmetry/com", 0.015 * self._size, color=(20, 20, 20), position=self._workpiece.com)
+        scene.add_label(  # the ball is inside the workpiece, a label is seen through it
+            "/part/symmetry/com_name", "centre of mass", position=self._workpiece.com, font_screen_scale=0.7
+        )
         scene.add_frame("/part/planes", show_axes=False, visible=False)
         for k, plane in enumerate(planes):
             n = np.asarray(plane.normal)

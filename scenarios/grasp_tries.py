@@ -93,7 +93,7 @@ class GraspTries:
             return
         if self._heap is not None:
             self._heap.close()
-            self._panel.say(f"Heap {seed} has settled.", GREEN)
+            self._panel.say(f"Heap {seed} has settled: try the grasp in it.", GREEN)
         self._heap = heap
 
     def _try(self, point: GraspPoint, where: str) -> None:
@@ -110,7 +110,8 @@ class GraspTries:
         with self._lock:
             self._outcomes = outcomes
             self._panel.results(outcomes, time.monotonic() - begun)
-            self._panel.hint.content = HINTS["tried"]
+            held = any(outcome.held for outcome in outcomes.values())
+            self._panel.hint.content = HINTS["tried" if held else "lost"]
             films = [name for name, outcome in outcomes.items() if outcome.film is not None]
             if films:
                 self.film_of(films[0])

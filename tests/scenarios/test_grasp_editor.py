@@ -80,6 +80,15 @@ def test_a_try_says_what_the_physics_says(editor: GraspEditor) -> None:
     assert all(outcome.reason for outcome in outcomes.values() if not outcome.held)
 
 
+def test_a_grasp_that_held_nowhere_is_not_sent_to_be_saved(editor: GraspEditor) -> None:
+    soon(lambda: not editor._panel._try.disabled)
+    editor.document.change(0, {"centre": (0.2, 0.0, 0.0)})
+    editor.try_it("resting pose 0")
+    soon(lambda: not editor._panel._try.disabled)
+    assert not any(outcome.held for outcome in editor._tries._outcomes.values())
+    assert "held nowhere" in editor._panel.hint.content
+
+
 def test_two_edits_of_one_file_are_noticed_and_neither_is_lost(editor: GraspEditor, table: Path) -> None:
     theirs = table.read_text().replace("width: 0.012", "width: 0.0125")
     editor.act("on / off")

@@ -151,6 +151,17 @@ def test_the_terminal_names_one_address(table: Path, capsys: pytest.CaptureFixtu
         built.close()
 
 
+def test_a_symmetric_workpiece_shows_its_axes() -> None:
+    screw = load_workpiece("ring_screw")
+    built = GraspEditor(screw, load_gripper("jaw_v_rod"), screw.folder / "grasps.yaml", port=0)
+    try:
+        axes = [i for i in range(3) if screw.symmetry.degrees[i] > 0]
+        scene = built._server.scene
+        assert axes and all(scene.get_handle_by_name(f"/part/symmetry/{'xyz'[i]}") is not None for i in axes)
+    finally:
+        built.close()
+
+
 def test_films_show_the_slip_that_the_trial_measured() -> None:
     cell = TrialCell(BRACKET, JAW)
     try:

@@ -180,6 +180,13 @@ class GraspDocument:
         self.error, self._state = "", state
         self._base, self._seen = text, None if data is None else hashlib.sha256(data).hexdigest()
 
+    def look_again(self) -> None:
+        """The file is again what was read or saved last: what was wrong with it is over, what is being edited stays."""
+        if self._state is None:
+            self.reload()
+        else:
+            self.error = ""
+
     def save(self, overwrite: bool = False) -> Saved | Conflict:
         """Write the text, whole or not at all, unless another program changed the file since.
 

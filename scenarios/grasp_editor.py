@@ -20,16 +20,17 @@ from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint
 from scenarios.grasp_document import Conflict, GraspDocument, begun_point
 from scenarios.grasp_geometry import Plane, SnapTargets, fields_of, frame_of, mirrored, squared
-from scenarios.grasp_panel import CAD, GREEN, HINTS, Panel
+from scenarios.grasp_panel import AMBER, CAD, GREEN, HINTS, Panel
 from scenarios.grasp_scene import EditorScene
 from scenarios.grasp_tries import GraspTries
 from scenarios.grasp_verdicts import GraspJudge
-from scenarios.token_gate import TokenGate
+from scenarios.token_gate import TokenGate, reached_at
 from scenarios.viser_page import HOST, serve
 
 POLL = 1.0  # [s] between looks at the file
 REST = 0.4  # [s] after the last key before what was typed counts
 TICK = 0.04  # [s] between looks at a drag, and between frames of a film
+NOTICE = 8.0  # [s] for which a refusal stands over the page
 
 
 class GraspEditor:
@@ -65,7 +66,9 @@ class GraspEditor:
         self._server = serve(f"{workpiece.name}: grasps", 0 if token else port)
         inner = self._server.get_port()
         self._gate = TokenGate(host, port, inner, token) if token else None
-        self.url = f"http://{host}:{self._gate.port}/?token={token}" if self._gate else f"http://{HOST}:{inner}"
+        self.url = (
+            f"http://{reached_at(host)}:{self._gate.port}/?token={token}" if self._gate else f"http://{HOST}:{inner}"
+        )
         planes = (*self._targets.centre_planes, *self._targets.symmetry_planes)
         self._scene = EditorScene(
             self._server, workpiece, gripper, self._targets.symmetry_planes, self._dragged, self.select
@@ -97,7 +100,7 @@ class GraspEditor:
         """Write the document into page and scene, but the fields `keep` that a user is at."""
         with self._lock:
             if self.document.error:
-                self._panel.say(f"The file cannot be edited: {self.document.error} Mend it; the page looks again.")
+                self._panel.say(f"The file cannot be edited: {self.document.error}. Mend it; the page looks again.")
             points, point = self.document.points, self.point
             self._panel.fields.enable(point is not None)
             self._panel.forget_diff()
@@ -130,8 +133,10 @@ class GraspEditor:
             self._typed_at = time.monotonic()
 
     def refuse(self, line: str) -> None:
-        """Say why what was typed or asked for cannot be."""
+        """Say why what was typed or asked for cannot be, also where the head of the panel is scrolled away."""
         self._panel.say(line)
+        for client in self._server.get_clients().values():
+            client.add_notification("Not taken", line, color="red", auto_close_seconds=NOTICE)
 
     def view(self, name: str, on: bool) -> None:
         """Show or hide something of the scene."""
@@ -156,8 +161,8 @@ class GraspEditor:
     def act(self, name: str) -> None:
         """A button: its label in lower case."""
         actions: dict[str, Any] = {
-            "undo": self.document.undo,
-            "redo": self.document.redo,
+            "undo": self._undo,
+            "redo": self._redo,
             "fit": self._fit,
             "add": lambda: self._add(begun_point(self.workpiece, self.gripper)),
             "duplicate": lambda: self._add(self.point),
@@ -194,9 +199,19 @@ class GraspEditor:
         try:
             change()
         except PickproofError as error:
-            self._panel.say(str(error))
+            self.refuse(str(error))
             return False
         return True
+
+    def _undo(self) -> None:
+        if not self.document.can_undo:
+            self._panel.say("There is nothing to undo.", AMBER)
+        self.document.undo()
+
+    def _redo(self) -> None:
+        if not self.document.can_redo:
+            self._panel.say("There is nothing to redo.", AMBER)
+        self.document.redo()
 
     def _switch(self) -> None:
         if self.point is not None:
@@ -212,6 +227,8 @@ class GraspEditor:
         to = int(np.clip(self.selected + by, 0, len(self.document.points) - 1))
         self.document.move(self.selected, to)
         self.selected = to
+        if self.point is not None:
+            self._panel.say(f"{self.point.name} is number {to + 1} of {len(self.document.points)}.", GREEN)
 
     def _fit(self) -> None:
         if self.point is not None:
@@ -283,6 +300,10 @@ class GraspEditor:
 
     def _look_at_file(self) -> None:
         if not self.document.changed_outside():
+            if self.document.error:  # mended to the letter of what was read or saved last
+                self.document.look_again()
+                self._panel.say("The file can be read again.", GREEN)
+                self.show()
             if self._told:
                 self._told = False
                 self._panel.conflict(None)

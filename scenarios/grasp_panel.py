@@ -19,6 +19,7 @@ HINTS = {
     "choose": "**1. Choose** a grasp in the list or click its ball. Then drag the arrows and rings at it.",
     "drag": "**2. Look at the verdict** below while you drag. Green is good. *Fit* puts the pads where the part is.",
     "try": "**3. Try it** in the physics (tab *Try*), free on a table and in a heap.",
+    "lost": "**It held nowhere.** Read why in the table, drag the grasp or change its fields, and try again.",
     "tried": "**4. Save** (tab *Save*): you see what changes in the file before it is written.",
     "saved": "**Saved.** `pickproof run` uses it from now on. Choose the next grasp, or close the page.",
 }
@@ -185,7 +186,8 @@ class Panel:
     def results(self, outcomes: dict[str, Outcome], seconds: float) -> None:
         """What came of a try in each place."""
         rows = [f"| {name} | {_said(outcome)} |" for name, outcome in outcomes.items()]
-        self._results.content = "\n".join(["| where | what came of it |", "|---|---|", *rows, "", f"{seconds:.1f} s"])
+        table = ["| where | what came of it |", "|---|---|", *rows]
+        self._results.content = "\n".join([*table, "", f"took {seconds:.1f} s"])
         films = tuple(name for name, outcome in outcomes.items() if outcome.film is not None)
         self._film.visible = bool(films)
         if films:

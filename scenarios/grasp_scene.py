@@ -19,6 +19,7 @@ from scenarios.viser_page import add_box, move, pose_of
 
 PART, OTHER, OFF = (205, 170, 110), (110, 140, 180), (170, 170, 170)
 GOOD, BAD, BODY, GHOST, TAKEN = (40, 150, 90), (210, 60, 50), (60, 62, 68), (90, 160, 200), (214, 120, 44)
+BLACK, PIXELS = (20, 20, 20), "screen"
 AXIS_COLOURS = ((200, 60, 50), (60, 150, 60), (60, 90, 200))
 
 
@@ -74,11 +75,20 @@ class EditorScene:
                 continue
             end = half * np.eye(3)[i]
             scene.add_line_segments(
-                f"/part/symmetry/{AXES[i]}", np.array([[-end, end]]), colors=AXIS_COLOURS[i], line_width=3.0
+                f"/part/symmetry/{AXES[i]}",
+                np.array([[-end, end]]),
+                AXIS_COLOURS[i],
+                thickness=3.0,
+                thickness_units=PIXELS,
             )
             text = "any angle" if i == symmetry.infinite_axis else f"every {degrees:g} deg"
             scene.add_label(f"/part/symmetry/{AXES[i]}_name", f"{AXES[i]}: {text}", position=end)
-        scene.add_icosphere("/part/symmetry/com", 0.015 * self._size, color=(20, 20, 20), position=self._workpiece.com)
+        scene.add_icosphere("/part/symmetry/com", 0.015 * self._size, color=BLACK, position=self._workpiece.com)
+        com = np.asarray(self._workpiece.com)
+        below = com - (0.0, 0.0, half)  # the ball is inside most workpieces: a line leads to it
+        line = np.array([[com, below]])
+        scene.add_line_segments("/part/symmetry/com_line", line, BLACK, thickness=2.0, thickness_units=PIXELS)
+        scene.add_label("/part/symmetry/com_name", "centre of mass", position=below, font_screen_scale=0.8)
         scene.add_frame("/part/planes", show_axes=False, visible=False)
         for k, plane in enumerate(planes):
             n = np.asarray(plane.normal)

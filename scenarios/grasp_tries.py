@@ -77,6 +77,7 @@ class GraspTries:
         """What nobody expected is not to vanish in a thread."""
         if not job.cancelled() and (error := job.exception()) is not None:
             self._panel.say(f"The physics failed: {type(error).__name__}: {error}")
+            self._panel.busy(False)
 
     def _prepare(self) -> None:
         self._trial = TrialCell(self._workpiece, self._gripper)
@@ -92,7 +93,7 @@ class GraspTries:
             return
         if self._heap is not None:
             self._heap.close()
-            self._panel.say(f"Heap {seed} has settled.", GREEN)
+            self._panel.say(f"Heap {seed} has settled: try the grasp in it.", GREEN)
         self._heap = heap
 
     def _try(self, point: GraspPoint, where: str) -> None:
@@ -108,12 +109,13 @@ class GraspTries:
             self._panel.say(str(error))
         with self._lock:
             self._outcomes = outcomes
-            self._panel.busy(False)
             self._panel.results(outcomes, time.monotonic() - begun)
-            self._panel.hint.content = HINTS["tried"]
+            held = any(outcome.held for outcome in outcomes.values())
+            self._panel.hint.content = HINTS["tried" if held else "lost"]
             films = [name for name, outcome in outcomes.items() if outcome.film is not None]
             if films:
                 self.film_of(films[0])
+            self._panel.busy(False)
 
     def stage(self, outcome: Outcome | None) -> None:
         """Show a film, stopped at its start, or None: the workpiece to be edited."""

@@ -105,7 +105,7 @@ class GraspJudge:
         if deeper < -WIDTH or (deeper > WIDTH and self.gripper.groove is None):  # round parts sink into a groove
             said.append(f"the part is {1e3 * verdict.width:.1f} mm wide here, not {1e3 * point.width:.1f} mm")
         if min(verdict.areas) < LEAST_AREA:
-            said.append(f"only {1e6 * min(verdict.areas):.0f} mm2 of face under a pad")
+            said.append(f"only {1e6 * min(verdict.areas):.0f} mm² of face under a pad")
         if max(verdict.angles) > self.cone:
             said.append(f"a pad meets the surface at {np.rad2deg(max(verdict.angles)):.0f} degrees and slides off")
         if abs(verdict.off_centre) > OFF_CENTRE:

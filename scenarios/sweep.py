@@ -56,7 +56,8 @@ def parse_axis(text: str) -> Axis:
     found = tuple(v.strip() for v in re.split(r",(?![^\[{]*[\]}])", values))
     if not equals or not field or not all(found):
         raise InputError("command line", "--set", text, "FIELD=VALUE,VALUE,... or FIELD=LOW:HIGH:STEP")
-    if len(found) == 1 and found[0].count(":") == 2:
+    sixty = re.fullmatch(r"[-+\d]+:[\d.]+", found[0])  # YAML 1.1 reads 10:30 as 630
+    if len(found) == 1 and (found[0].count(":") == 2 or sixty):
         found = _range(text, found[0])
     return Axis(field, tuple(dict.fromkeys(found)))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import socket
 import threading
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
@@ -17,6 +18,22 @@ from cell.errors import InputError
 COOKIE = "pickproof"
 HEAD_LIMIT = 16_384  # bytes
 PATIENCE = 20.0  # [s] for a request to arrive
+
+
+def reached_at(host: str) -> str:
+    """How an address writes the host at which others reach what listens on `host`.
+
+    Of "all addresses" it is the one from which this machine would answer another network, or else its name.
+    """
+    if host in ("0.0.0.0", "::"):
+        family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
+        try:
+            with socket.socket(family, socket.SOCK_DGRAM) as asking:  # asks the routing table, sends nothing
+                asking.connect(("192.0.2.1" if family == socket.AF_INET else "2001:db8::1", 9))
+                host = asking.getsockname()[0]
+        except OSError:
+            host = socket.gethostname()
+    return f"[{host}]" if ":" in host else host
 
 
 class TokenGate:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,8 @@ Colour = tuple[int, int, int]
 
 def serve(label: str, port: int) -> viser.ViserServer:
     """A page on the loopback interface alone, its panel at the right; port 0 takes a free one."""
-    server = viser.ViserServer(host=HOST, port=port, label=label, verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # prints an address, which is not the one behind a gate
+        server = viser.ViserServer(host=HOST, port=port, label=label, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
     server.scene.set_up_direction("+z")

@@ -80,6 +80,15 @@ def test_a_try_says_what_the_physics_says(editor: GraspEditor) -> None:
     assert all(outcome.reason for outcome in outcomes.values() if not outcome.held)
 
 
+def test_a_grasp_that_held_nowhere_is_not_sent_to_be_saved(editor: GraspEditor) -> None:
+    soon(lambda: not editor._panel._try.disabled)
+    editor.document.change(0, {"centre": (0.2, 0.0, 0.0)})
+    editor.try_it("resting pose 0")
+    soon(lambda: not editor._panel._try.disabled)
+    assert not any(outcome.held for outcome in editor._tries._outcomes.values())
+    assert "held nowhere" in editor._panel.hint.content
+
+
 def test_two_edits_of_one_file_are_noticed_and_neither_is_lost(editor: GraspEditor, table: Path) -> None:
     theirs = table.read_text().replace("width: 0.012", "width: 0.0125")
     editor.act("on / off")
@@ -105,6 +114,50 @@ def test_a_broken_file_is_shown_and_its_mending_noticed(table: Path) -> None:
         table.write_text(whole)
         soon(lambda: built.point is not None)
         assert built.document.text == whole
+    finally:
+        built.close()
+
+
+def test_a_file_mended_to_what_it_was_is_edited_on_and_the_complaint_goes(editor: GraspEditor, table: Path) -> None:
+    whole = table.read_text()
+    table.write_text("gripper: [")
+    soon(lambda: "syntax error stands there). Mend it" in shown(editor))
+    editor.act("on / off")
+    mine = editor.document.text
+    table.write_text(whole)
+    soon(lambda: "can be read again" in shown(editor))
+    assert "cannot be edited" not in shown(editor) and editor.document.text == mine
+    editor.act("save")
+    assert table.read_text() == mine
+
+
+def test_a_button_says_what_it_did_where_nothing_moves(editor: GraspEditor) -> None:
+    editor.act("undo")
+    assert "nothing to undo" in shown(editor)
+    editor.act("redo")
+    assert "nothing to redo" in shown(editor)
+    editor.act("down")
+    assert f"is number 2 of {len(editor.document.points)}" in shown(editor)
+    editor.act("undo")
+    assert "nothing" not in shown(editor)
+
+
+def test_the_terminal_names_one_address(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = GraspEditor(BRACKET, JAW, table, port=0, host="0.0.0.0", token="t")
+    try:
+        assert "http" not in capsys.readouterr().out  # the caller prints `url`
+        assert "0.0.0.0" not in built.url and built.url.endswith("/?token=t")
+    finally:
+        built.close()
+
+
+def test_a_symmetric_workpiece_shows_its_axes() -> None:
+    screw = load_workpiece("ring_screw")
+    built = GraspEditor(screw, load_gripper("jaw_v_rod"), screw.folder / "grasps.yaml", port=0)
+    try:
+        axes = [i for i in range(3) if screw.symmetry.degrees[i] > 0]
+        scene = built._server.scene
+        assert axes and all(scene.get_handle_by_name(f"/part/symmetry/{'xyz'[i]}") is not None for i in axes)
     finally:
         built.close()
 
@@ -206,6 +259,8 @@ def test_open_move_try_save_reopen_in_a_browser(editor: GraspEditor, table: Path
         write(browser, "name", "from_the_top")
         write(browser, "centre [mm]", "9")
         soon(lambda: editor.document.points[0].name == "from_the_top" and editor.document.points[0].centre[0] == 0.009)
+        write(browser, "depths [mm]", "3 x")
+        browser.until("document.body.innerText.includes('Not taken')", PATIENCE)
         open_tab(browser, "Try")
         press(browser, "Try this grasp")
         browser.until("document.body.innerText.includes('holds, slips')", PATIENCE)

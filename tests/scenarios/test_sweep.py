@@ -25,7 +25,9 @@ def test_values(text, values):
     assert parse_axis(text).values == values
 
 
-@pytest.mark.parametrize("text", ["count", "count=", "=3", "count=1,,2", "count=1:9:0", "count=9:1:1", "count=a:b:c"])
+@pytest.mark.parametrize(
+    "text", ["count", "count=", "=3", "count=1,,2", "count=1:9:0", "count=9:1:1", "count=a:b:c", "count=10:30"]
+)
 def test_bad_values(text):
     with pytest.raises(InputError, match="--set"):
         parse_axis(text)

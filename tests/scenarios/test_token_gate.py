@@ -10,7 +10,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 
 from cell.errors import InputError
-from scenarios.token_gate import COOKIE, TokenGate
+from scenarios.token_gate import COOKIE, TokenGate, reached_at
 
 
 class Page(BaseHTTPRequestHandler):
@@ -64,3 +64,10 @@ def test_with_the_token_one_comes_in_and_stays(gate: TokenGate) -> None:
 def test_an_address_that_is_not_ours_is_one_line() -> None:
     with pytest.raises(InputError, match="--host"):
         TokenGate("192.0.2.1", 0, 1, "t")
+
+
+def test_the_address_that_is_printed_is_one_that_others_can_open() -> None:
+    assert reached_at("0.0.0.0") not in ("", "0.0.0.0", "127.0.0.1")
+    assert reached_at("::") not in ("", "::", "[::]")
+    assert reached_at("10.0.0.7") == "10.0.0.7"
+    assert reached_at("fd00::2") == "[fd00::2]"

@@ -26,6 +26,7 @@ VERSION = 1
 DEPTH_STEP = 1e-4  # [m]
 LENGTH_STEP = 1e-5  # [m]
 QUAT_STEP = 1 / 32767
+SHOWN = 8  # attempts that are named where another one was asked for
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,9 @@ def read_artefact(path: Path) -> Artefact:
         InputError: the file is missing, damaged or of a newer version.
     """
     if not path.is_file():
-        valid = "an attempt that was kept; `pickproof run --keep all` keeps every one"
+        kept = sorted(tuple(map(int, p.stem.split("-"))) for p in path.parent.glob("[0-9]*-[0-9]*.npz"))
+        here = ", ".join(f"{seed}-{attempt}" for seed, attempt in kept[:SHOWN]) + (", ..." if len(kept) > SHOWN else "")
+        valid = f"an attempt that was kept (SEED-ATTEMPT: {here or 'none'}); `pickproof run --keep all` keeps every one"
         raise InputError(path, "", "missing file", valid)
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:

@@ -19,7 +19,8 @@ from cell.config import read_yaml
 from cell.errors import InputError
 from cell.frames import Array, from_rpy
 from cell.gripper import load_gripper
-from cell.workpiece import load_workpiece
+from cell.tool import Gripper
+from cell.workpiece import Workpiece, load_workpiece
 from grasping.grasp_points import GraspPoint, GraspTable, load_grasps
 from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
 from scenarios.arguments import integer
@@ -74,7 +75,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     mapped.add_argument("--out", type=Path, metavar="DIR", help="default: out/robustness-WORKPIECE")
     mapped.set_defaults(run=_robustness)
     for command in (importing, exporting, checking, sampling):
-        command.add_argument("--gripper", default=GRIPPER, metavar="G", help=f"default {GRIPPER}")
+        help_text = f"default: that of the workpiece's grasps.yaml, {GRIPPER} where there is none"
+        command.add_argument("--gripper", metavar="G", help=help_text)
     for command in (importing, exporting):
         command.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
         command.add_argument(
@@ -94,7 +96,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    workpiece, gripper = _both(args)
     points = read_isaac_grasps(args.file, _tool(args))
     reach = float(np.linalg.norm(workpiece.extents)) / 2
     for point in points:
@@ -108,7 +110,7 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    workpiece, gripper = _both(args)
     text = isaac_grasps_text(load_grasps(workpiece, gripper), workpiece.name, gripper.name, _tool(args))
     return _write(text, args.out)
 
@@ -116,7 +118,7 @@ def _export(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     from scenarios.grasp_check import check_grasp_points, check_table
 
-    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    workpiece, gripper = _both(args)
     rows, resting = check_grasp_points(workpiece, gripper, load_grasps(workpiece, gripper).points)
     if args.json:
         print(json.dumps({"workpiece": workpiece.name, "gripper": gripper.name, "resting": resting, "trials": rows}))
@@ -144,19 +146,25 @@ def _edit(args: argparse.Namespace) -> int:
     return 0
 
 
+def _both(args: argparse.Namespace) -> tuple[Workpiece, Gripper]:
+    """The workpiece, and the gripper that was named or that its table is for."""
+    workpiece = load_workpiece(args.workpiece)
+    return workpiece, load_gripper(args.gripper or _gripper_of(workpiece.folder / "grasps.yaml"))
+
+
 def _gripper_of(path: Path) -> str:
     """The gripper that a table is for, as far as the table can be read."""
     try:
         return str(read_yaml(path).get("gripper", GRIPPER))
     except InputError:
-        return GRIPPER  # the page says what is wrong with the file
+        return GRIPPER  # whoever needs the table says what is wrong with it
 
 
 def _sample(args: argparse.Namespace) -> int:
     from grasping.sample import propose
     from scenarios.grasp_check import tried
 
-    workpiece, gripper = load_workpiece(args.workpiece), load_gripper(args.gripper)
+    workpiece, gripper = _both(args)
     for name, value, low in (("--count", args.count, 1), ("--seed", args.seed, 0)):
         if value < low:
             raise InputError("command line", name, value, f"an integer from {low}")

@@ -26,6 +26,11 @@ def test_export_and_import_are_inverse(tmp_path: Path, capsys: pytest.CaptureFix
     assert len(table.grasps) == len(poses.index)
 
 
+def test_the_gripper_is_that_of_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["grasps", "export", "tless_20"]) == 0
+    assert "jaw_deep" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "names"),
     [

@@ -99,6 +99,8 @@ def test_writing_and_reading_changes_nothing_but_the_last_digits(shown: Replayed
 def test_what_was_not_kept_or_is_damaged_says_so(campaign: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--keep all"):
         read_artefact(path_of(tmp_path, 0, 0))
+    with pytest.raises(InputError, match=rf"kept \(SEED-ATTEMPT: {SEED}-0"):
+        read_artefact(path_of(campaign, SEED, 99))
     whole = path_of(campaign, SEED, 0).read_bytes()
     (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="pickproof run"):

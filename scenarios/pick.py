@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cell.camera import DepthFrame
+from cell.clock import working_time
 from cell.frames import Array, invert, to_quat_xyzw
 from grasping.candidates import GraspCandidate
 from grasping.verdict import CHOSEN
@@ -43,13 +44,13 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         cell.tape.start()
     frame, ids = cell.capture(rng)
 
-    clock = time.perf_counter()
+    clock = working_time()
     estimates = perceive(cell, frame, ids, rng)
-    perceived = time.perf_counter()
+    perceived = working_time()
     selection = choose(cell, frame, estimates, memory, attempt)
-    chosen_at = time.perf_counter()
+    chosen_at = working_time()
     decision = decide(cell, frame, selection, memory, int(rng.integers(2**31)))
-    planned = time.perf_counter()
+    planned = working_time()
 
     record: dict[str, Any] = {
         "seed": seed,

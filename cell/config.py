@@ -52,6 +52,9 @@ def parse_yaml(text: str, path: Path) -> dict[str, Any]:
     return data
 
 
+PYDANTICS = "Input should be "
+
+
 def parse(model: type[M], data: Any, file: str | Path) -> M:
     """Check `data` against `model`; the first violation becomes an InputError."""
     try:
@@ -65,8 +68,9 @@ def parse(model: type[M], data: Any, file: str | Path) -> M:
             for part in first["loc"]:
                 parent = parent[part]
             raise InputError(file, field, parent, f"no such field; {valid}") from None
-        value = "nothing" if first["type"] == "missing" else first["input"]
-        raise InputError(file, field, value, first["msg"]) from None
+        if first["type"] == "missing":
+            raise InputError(file, field, "nothing", "a value; the field has no default") from None
+        raise InputError(file, field, first["input"], first["msg"].removeprefix(PYDANTICS)) from None
 
 
 def load(model: type[M], path: Path) -> M:

@@ -31,7 +31,7 @@ def test_the_effective_scenario_comes_back_as_it_was() -> None:
     [
         ("sensor.preset=lidar", "sensor.preset: 'lidar' is not valid; expected one of: stereo, structured_light"),
         ("sensor.flyng=0.1", "sensor.flyng: 0.1 is not valid; expected no such field; one of: enabled, preset, axial_"),
-        ("sensor.flying=2", "sensor.flying: 2 is not valid; expected Input should be less than or equal to 1"),
+        ("sensor.flying=2", "sensor.flying: 2 is not valid; expected less than or equal to 1"),
     ],
 )
 def test_bad_input_is_said_in_one_line(override: str, message: str) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.constructor import DuplicateKeyError
+from ruamel.yaml.error import YAMLError
 
 from cell.errors import InputError
 
@@ -35,6 +37,15 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return parse_yaml(text, path)
 
 
+def yaml_value(text: str) -> Any:
+    """What a text of YAML 1.2 means: 3e-4 is a number, 10:30 is not, and a field stands once.
+
+    Raises:
+        YAMLError: not YAML.
+    """
+    return YAML(typ="safe", pure=True).load(text)
+
+
 def parse_yaml(text: str, path: Path) -> dict[str, Any]:
     """The YAML mapping that is the text of a file at `path`.
 
@@ -42,11 +53,12 @@ def parse_yaml(text: str, path: Path) -> dict[str, Any]:
         InputError: not YAML, or not a mapping.
     """
     try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        data = yaml_value(text)
+    except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         at = f"line {mark.line + 1}, column {mark.column + 1}" if mark is not None else str(error)
-        raise InputError(path, "", at, "YAML (a syntax error stands there)") from None
+        what = "a field that came before" if isinstance(error, DuplicateKeyError) else "a syntax error"
+        raise InputError(path, "", at, f"YAML ({what} stands there)") from None
     if not isinstance(data, dict):
         raise InputError(path, "", type(data).__name__, "a YAML mapping of fields to values")
     return data

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from pydantic import Field, field_validator, model_validator
+from ruamel.yaml.error import YAMLError
 
 from cell.bin import Bin, Box, table
 from cell.camera import Intrinsics, look_at
-from cell.config import Config, parse, read_yaml
+from cell.config import Config, parse, read_yaml, yaml_value
 from cell.errors import InputError
 from cell.frames import Array
 from cell.sensor import SensorConfig
@@ -269,8 +269,8 @@ def _apply(data: dict[str, Any], override: str) -> None:
     if not equals or not all(keys):
         raise InputError("command line", "--set", override, "FIELD=VALUE with a dotted field, as camera.width=1280")
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
+        value = yaml_value(text)
+    except YAMLError:
         raise InputError("command line", f"--set {field}", text, "a value in YAML") from None
     for key in keys[:-1]:
         data = data.setdefault(key, {})

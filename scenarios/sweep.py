@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.table import Table
 
+from cell.config import yaml_value
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
 from scenarios.campaign import run_campaign
@@ -56,14 +56,14 @@ def parse_axis(text: str) -> Axis:
     found = tuple(v.strip() for v in re.split(r",(?![^\[{]*[\]}])", values))
     if not equals or not field or not all(found):
         raise InputError("command line", "--set", text, "FIELD=VALUE,VALUE,... or FIELD=LOW:HIGH:STEP")
-    sixty = re.fullmatch(r"[-+\d]+:[\d.]+", found[0])  # YAML 1.1 reads 10:30 as 630
-    if len(found) == 1 and (found[0].count(":") == 2 or sixty):
+    stepless = re.fullmatch(r"[-+\d]+:[\d.]+", found[0])
+    if len(found) == 1 and (found[0].count(":") == 2 or stepless):
         found = _range(text, found[0])
     return Axis(field, tuple(dict.fromkeys(found)))
 
 
 def _range(text: str, values: str) -> tuple[str, ...]:
-    numbers = [yaml.safe_load(v) for v in values.split(":")]
+    numbers = [yaml_value(v) for v in values.split(":")]
     try:
         low, high, step = (float(n) for n in numbers)
         count = int(np.floor((high - low) / step + 1e-9)) + 1
@@ -183,7 +183,7 @@ def plot_sweep(axes: Sequence[Axis], rows: Sequence[dict[str, Any]], path: Path)
 
 def _positions(values: Sequence[str]) -> list[float]:
     """Numbers stand where they are, words and lists in a row."""
-    numbers = [yaml.safe_load(v) for v in values]
+    numbers = [yaml_value(v) for v in values]
     if all(isinstance(n, int | float) and not isinstance(n, bool) for n in numbers):
         return [float(n) for n in numbers]
     return [float(i) for i in range(len(values))]

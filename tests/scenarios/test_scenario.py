@@ -48,6 +48,8 @@ def test_hash_is_that_of_the_effective_scenario_without_its_seed(tmp_path):
         ("name: a\nworkpiece: bracket\nrobot: r2d2\n", ["robot", "r2d2", "lrmate200id"]),
         ("name: a\nworkpiece: bracket\nsource_bin: {inner: [1, 1, -1], position: [0, 0, 0]}\n", ["source_bin"]),
         ("name: [\n", ["line", "YAML"]),
+        ("name: a\nworkpiece: bracket\ncount: 10:30\n", ["count", "'10:30'"]),  # 630 in YAML 1.1
+        ("name: a\nworkpiece: bracket\ncount: 8\ncount: 9\n", ["line 4", "came before"]),
         ("- a\n", ["mapping"]),
     ],
 )

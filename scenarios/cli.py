@@ -159,7 +159,7 @@ def _run(args: argparse.Namespace) -> int:
     from scenarios.episode import run_episode
     from scenarios.scenario import load_scenario, weights_used
     from scenarios.store import Store
-    from scenarios.summary import FILE, LiveView, print_summary, summarise, write_summary
+    from scenarios.summary import FILE, LiveView, counted, print_summary, summarise, write_summary
     from scenarios.tape import Keep
     from scenarios.workcell import check_inputs
 
@@ -180,7 +180,8 @@ def _run(args: argparse.Namespace) -> int:
             done = [a for a in store.attempts(large=False) if a.seed in ended]
     if not args.json:
         console.print(
-            f"{scenario.name}: {args.episodes} episodes of {scenario.count} workpieces, results in {out}",
+            f"{scenario.name}: {counted(args.episodes, 'episode')} of {counted(scenario.count, 'workpiece')}, "
+            f"results in {out}",
             soft_wrap=True,
         )
     try:

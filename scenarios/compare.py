@@ -21,7 +21,7 @@ from scenarios.paired import Outcome, changed_fields, check_same_bins, outcomes,
 from scenarios.records import AttemptRecord
 from scenarios.statistics import Counts, difference_interval, difference_variances, pair_interval
 from scenarios.store import Store
-from scenarios.summary import percent
+from scenarios.summary import counted, percent
 
 BOUND = 0.02
 """Difference of rates that is small enough not to matter, as the gate's margin."""
@@ -193,7 +193,7 @@ def verdict_line(c: Comparison) -> str:
     d: Difference = c.success or c.first_attempts
     what = "pick success" if c.basis == "success" else "success of first attempts"
     line = f"{c.verdict}: {what} {percent(d.a)} -> {percent(d.b)}, {points(d.difference)} [{span(d.interval95)}]"
-    line += f" points over {c.episodes} paired episodes"
+    line += f" points over {counted(c.episodes, 'paired episode')}"
     if c.verdict != "no evidence":
         return line
     show = "no number of episodes within reason" if c.more_to_show is None else f"about {c.more_to_show} more"
@@ -213,7 +213,7 @@ def span(interval: Sequence[float]) -> str:
 
 def print_comparison(console: Console, c: Comparison, a: Path, b: Path) -> None:
     """The table and the verdict."""
-    table = Table(title=f"A {a}\nB {b}\n{c.episodes} paired episodes", title_justify="left")
+    table = Table(title=f"A {a}\nB {b}\n{counted(c.episodes, 'paired episode')}", title_justify="left")
     for column in ("", "A", "B", "B - A in points", "95 %"):
         table.add_column(column, justify="left" if not column else "right")
     for name, d in (("pick success", c.success), ("clearance", c.clearance), ("first attempts", c.first_attempts)):

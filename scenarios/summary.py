@@ -91,6 +91,11 @@ def write_summary(directory: Path, summary: dict[str, Any]) -> Path:
     return write_json(directory / FILE, summary)
 
 
+def counted(n: int, what: str) -> str:
+    """As "1 episode", "2 episodes"."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
 def percent(value: float | None, digits: int = 1) -> str:
     """A rate as text; a dash where there is none."""
     return "-" if value is None else f"{100 * value:.{digits}f} %"
@@ -111,7 +116,8 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
     """The table at the end of a run."""
     s = summary
     oracle = f", oracle: {' + '.join(s['oracle'])}" if s["oracle"] else ""
-    table = Table(title=f"{s['scenario']}: {s['episodes']} episodes from seed {s['seed']}{oracle}", show_header=False)
+    episodes = counted(s["episodes"], "episode")
+    table = Table(title=f"{s['scenario']}: {episodes} from seed {s['seed']}{oracle}", show_header=False)
     table.add_column(style="bold")
     table.add_column()
     table.add_row(
@@ -206,7 +212,7 @@ class LiveView:
         return self._before + len(self._ended) + running
 
     def _so_far(self) -> str:
-        return f"{self._before + len(self._ended)} of {self._total} episodes, {self._left(self._finished())}"
+        return f"{self._before + len(self._ended)} of {counted(self._total, 'episode')}, {self._left(self._finished())}"
 
     def _left(self, finished: float) -> str:
         elapsed, share = time.monotonic() - self._begun, finished - self._before

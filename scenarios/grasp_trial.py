@@ -31,6 +31,7 @@ BEFORE = 0.03  # [m] of straight line before the grasp
 LIFT, SHAKE = 0.10, 0.06  # [m]
 ACCELERATION = 12.0  # [m/s2] of lift and shake: what a scenario allows to the held workpiece
 SHIFT, TURN = 0.0015, np.deg2rad(2.0)  # errors of a pose for which a grasp is tried, along and about each axis
+FAR = 0.010  # [m] by which the turns move no point of the workpiece any farther: depth images show the ends of a rail
 
 
 @dataclass(frozen=True)
@@ -120,11 +121,18 @@ class TrialCell:
         return gantry_joints(T_world_tool, self.gripper.T_flange_tool)
 
 
-def pose_errors(shift: float = SHIFT, turn: float = TURN) -> Array:
-    """Errors T_part_estimate (13, 4, 4): none, then `shift` [m] along and `turn` [rad] about each axis both ways."""
+def turns(workpiece: Workpiece) -> Array:
+    """Errors (3,) [rad] about the axes of the CAD through the centre of mass: TURN, or what moves a point by FAR."""
+    from_com = np.asarray(workpiece.mesh.vertices) - workpiece.com
+    levers = [np.linalg.norm(np.delete(from_com, axis, axis=1), axis=1).max() for axis in range(3)]
+    return np.minimum(TURN, FAR / np.array(levers))
+
+
+def pose_errors(workpiece: Workpiece) -> Array:
+    """Errors T_part_estimate (13, 4, 4): none, then SHIFT along and `turns` about each axis both ways."""
     errors = [np.eye(4)]
-    for axis, sign in product(np.eye(3), (1, -1)):
-        errors += [make_transform(t=sign * shift * axis), about_axis(axis, np.array(sign * turn))]
+    for (axis, turn), sign in product(zip(np.eye(3), turns(workpiece), strict=True), (1, -1)):
+        errors += [make_transform(t=sign * SHIFT * axis), about_axis(axis, np.array(sign * turn))]
     return np.stack(errors)
 
 
@@ -149,5 +157,5 @@ def robust_share(
     cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float, afloat: bool = False
 ) -> float:
     """Share of pose errors, about the centre of mass, under which a grasp still holds."""
-    trials = try_errors(cell, T_world_part, T_world_tool, opening, pose_errors(), afloat)
+    trials = try_errors(cell, T_world_part, T_world_tool, opening, pose_errors(cell.workpiece), afloat)
     return float(np.mean([trial.held for trial in trials]))

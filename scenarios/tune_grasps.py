@@ -10,6 +10,7 @@ from optuna.storages import JournalStorage
 
 from cell.frames import Array
 from cell.gripper import load_gripper
+from cell.workpiece import load_workpiece
 from grasping.grasp_points import GraspPoint
 from scenarios.parallel import Map
 from scenarios.tune_plan import Plan, Tell
@@ -51,7 +52,7 @@ def tune_grasps(
         name: Search(journal, f"grasp {name}", grasp_parameters(point, gripper, plan.reach), plan.scenario.seed)
         for name, point in points.items()
     }
-    errors = draw_errors(np.random.default_rng((plan.scenario.seed, 0)), plan.p95)
+    errors = _errors(plan, 0)
 
     def evaluate(asked: list[tuple[str, Values]]) -> list[Told]:
         tasks = [
@@ -72,7 +73,7 @@ def settle(
     plan: Plan, searches: dict[str, Search], run: Map, trial: Callable[[GraspTask], Told]
 ) -> tuple[list[GraspChange], list[GraspPoint]]:
     """Before and after of every grasp under unseen errors, and the table with those moved that are worth it."""
-    fresh, unseen = (draw_errors(np.random.default_rng((plan.scenario.seed, k)), plan.p95) for k in (1, 2))
+    fresh, unseen = _errors(plan, 1), _errors(plan, 2)
     old = {p.name: p for p in plan.points if p.name in searches}
     new = _finals(plan, searches, old, fresh, run, trial)
     tasks = [_task(plan, point, unseen) for point in old.values()]
@@ -122,6 +123,11 @@ def _finals(
         means.setdefault(name, []).append(((t.value + told.value) / 2, t))
     best = {name: max(rows, key=lambda row: (row[0], -row[1].number)) for name, rows in means.items()}
     return {name: t for name, (mean, t) in best.items() if mean >= means[name][0][0] + WORTH}
+
+
+def _errors(plan: Plan, draw: int) -> Array:
+    rng = np.random.default_rng((plan.scenario.seed, draw))
+    return draw_errors(rng, load_workpiece(plan.scenario.workpiece), plan.p95)
 
 
 def _task(plan: Plan, point: GraspPoint, errors: Array, far: float = 0.0) -> GraspTask:

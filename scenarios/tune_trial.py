@@ -10,10 +10,10 @@ import numpy as np
 from cell.frames import Array, apply, from_rpy, invert
 from cell.gripper import load_gripper
 from cell.jaw import ParallelJaw
-from cell.workpiece import load_workpiece
+from cell.workpiece import Workpiece, load_workpiece
 from grasping.grasp_points import GraspPoint, opening
 from scenarios.grasp_check import lying
-from scenarios.grasp_trial import SHIFT, TURN, TrialCell, off_by
+from scenarios.grasp_trial import SHIFT, TrialCell, off_by, turns
 from scenarios.robustness import KEYS
 from scenarios.tune_search import Told
 
@@ -41,15 +41,17 @@ class GraspTask:
     distance: float = 0.0
 
 
-def draw_errors(rng: np.random.Generator, p95: dict[str, float] | None = None, draws: int = DRAWS) -> Array:
+def draw_errors(
+    rng: np.random.Generator, workpiece: Workpiece, p95: dict[str, float] | None = None, draws: int = DRAWS
+) -> Array:
     """Errors of a pose T_part_estimate (1 + draws, 4, 4): none, then normal ones along and about all six directions.
 
     Args:
         p95: size in [mm] and [deg] by direction that 95 % of perception's stay under; None for deviations of 1.5 mm
-            and 2 degrees.
+            and 2 degrees, less about an axis that the workpiece stands out far from (`turns`).
     """
     if p95 is None:
-        deviation = np.array([SHIFT] * 3 + [TURN] * 3)
+        deviation = np.concatenate([[SHIFT] * 3, turns(workpiece)])
     else:
         sizes = np.array([p95[key] for key in KEYS]) / 1.96
         deviation = np.concatenate([1e-3 * sizes[:3], np.deg2rad(sizes[3:])])

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.frames import make_transform, rotation_angle
+from cell.frames import apply, make_transform, rotation_angle
 from cell.gripper import load_gripper
 from cell.resting import resting_poses
 from cell.workpiece import load_workpiece
 from grasping.candidates import GraspCandidate
 from grasping.grasp_points import GraspPoint, load_grasps
 from scenarios.grasp_check import NOVELTY, best_candidate, check_grasp_points, check_table, in_order_of_use
-from scenarios.grasp_trial import SHIFT, TURN, TrialCell, pose_errors
+from scenarios.grasp_trial import FAR, SHIFT, TURN, TrialCell, pose_errors
 
 BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
 
@@ -125,11 +125,20 @@ def test_the_table_says_what_holds_where() -> None:
 
 
 def test_pose_errors_are_the_size_that_they_say() -> None:
-    errors = pose_errors()
+    errors = pose_errors(load_workpiece("bracket"))
     shifts = np.linalg.norm(errors[:, :3, 3], axis=1)
     turns = rotation_angle(errors[:, :3, :3])
     assert sorted(np.round(shifts, 9)) == [0.0] * 7 + [SHIFT] * 6
     np.testing.assert_allclose(sorted(turns), [0.0] * 7 + [TURN] * 6, atol=1e-9)
+
+
+def test_turns_move_no_end_of_a_rail_beyond_what_an_image_shows() -> None:
+    rail = load_workpiece("ps6d_23")
+    errors = pose_errors(rail)
+    from_com = rail.mesh.vertices - rail.com
+    farthest = [np.linalg.norm(apply(error, from_com) - from_com, axis=1).max() for error in errors]
+    np.testing.assert_allclose(max(farthest), FAR, rtol=1e-3)
+    assert rotation_angle(errors[:, :3, :3]).max() == pytest.approx(TURN)  # about its length
 
 
 def test_a_heavy_shaft_hangs_still_in_grooved_fingers() -> None:

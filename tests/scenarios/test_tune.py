@@ -235,7 +235,7 @@ def test_a_grasp_beside_the_part_is_moved_onto_it_in_the_physics(tmp_path: Path)
     """The edge of the 5 mm plate, taken 5 mm too high, closes on nothing; the first trials of the search mend it."""
     good = POINTS["edge_of_plate"]
     bad = good.model_copy(update={"centre": (good.centre[0], good.centre[1], good.centre[2] + 0.005)})
-    errors = draw_errors(np.random.default_rng(0), draws=2)
+    errors = draw_errors(np.random.default_rng(0), load_workpiece("bracket"), draws=2)
 
     def tried(point: GraspPoint) -> float:
         return try_point(GraspTask("bracket", "jaw_v1", point, errors)).value
@@ -255,7 +255,7 @@ def test_a_grasp_that_pushes_is_worth_less() -> None:
     """Both hold under every error; the one that closes 4 mm off would push neighbours."""
     good = POINTS["edge_of_plate"].model_copy(update={"opening": POINTS["edge_of_plate"].width + 0.012, "stroke": None})
     centre = np.asarray(good.centre) + 0.004 * np.asarray(good.closing)
-    errors = draw_errors(np.random.default_rng(0), draws=3)
+    errors = draw_errors(np.random.default_rng(0), load_workpiece("bracket"), draws=3)
     still, off = (
         try_point(GraspTask("bracket", "jaw_v1", point, errors))
         for point in (good, good.model_copy(update={"centre": tuple(centre.tolist())}))
@@ -276,5 +276,6 @@ def test_a_grasp_that_holds_nothing_is_worth_more_the_nearer_it_comes() -> None:
     assert over[0] == 1.0 and over == sorted(over, reverse=True) and len(set(over)) == 4
     centre = np.asarray(good.centre) + 0.004 * np.asarray(good.closing)
     bad = good.model_copy(update={"opening": good.width + 0.001, "stroke": None, "centre": tuple(centre.tolist())})
-    told = try_point(GraspTask("bracket", "jaw_v1", bad, draw_errors(np.random.default_rng(0), draws=2)))
+    errors = draw_errors(np.random.default_rng(0), load_workpiece("bracket"), draws=2)
+    told = try_point(GraspTask("bracket", "jaw_v1", bad, errors))
     assert told.detail["share"] == 0.0 and 0.0 < told.value < 0.2

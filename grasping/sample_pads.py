@@ -15,12 +15,14 @@ from cell.frames import Array, about_axis, make_transform
 from cell.holding import share
 from cell.pads import PadGripper, ring
 from cell.probe import probe_part
+from cell.suction import VacuumGripper
 from cell.workpiece import Workpiece
 from cell.world import GRAVITY
 from grasping.grasp_points import GraspPoint, Turn
 
 SPOTS = 1500  # points of the surface that are looked at
 PRESS = 0.002  # [m] that the faces are pressed on: an error of the pose along the normal is taken up by their spring
+PRESS_ALONE = 0.4  # of the stroke, where each is on a spring of its own: a row of them meets a face that leans
 TURN_DEG = 30.0  # between turns of several faces about the approach
 LIFTED = 12.0  # [m/s2] upwards and sideways under which a place must hold
 LEVELLED = 2  # times that the faces are turned to what the rim meets
@@ -28,7 +30,9 @@ LEVELLED = 2  # times that the faces are turned to what the rim meets
 
 def pad_proposals(workpiece: Workpiece, gripper: PadGripper, rng: np.random.Generator) -> Iterator[GraspPoint]:
     """Places for the faces of a cup or magnet gripper, those that take least of its limits first."""
+    over, up = over_centre_of_mass(workpiece, np.pi * gripper.radius**2)
     points, normals = workpiece.sample_surface(SPOTS, seed=int(rng.integers(2**31)))
+    points, normals = np.concatenate([over, points]), np.concatenate([up, normals])
     turns = np.arange(0.0, 180.0, TURN_DEG) if len(gripper.centres) > 1 else np.zeros(1)
     found: list[tuple[float, Array]] = []
     for point, normal in zip(points, normals, strict=True):
@@ -41,18 +45,32 @@ def pad_proposals(workpiece: Workpiece, gripper: PadGripper, rng: np.random.Gene
         yield _point(T_part_tool, gripper)
 
 
+def over_centre_of_mass(workpiece: Workpiece, area: float) -> tuple[Array, Array]:
+    """Points and outward normals, each (n, 3), over the centre of mass in the planes of faces of `area` [m2] or more.
+
+    They bend the faces least, and need not be on the surface: between the slots of a rail few places have room for ten
+    cups, and those drawn at random miss them.
+    """
+    mesh = workpiece.mesh
+    flat = [facet[0] for facet, size in zip(mesh.facets, mesh.facets_area, strict=True) if size >= area]
+    normals = mesh.face_normals[flat].reshape(-1, 3)
+    heights = np.einsum("ij,ij->i", mesh.triangles[flat].reshape(-1, 3, 3)[:, 0] - workpiece.com, normals)
+    return workpiece.com + heights[:, None] * normals, normals
+
+
 def worst_use(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> float:
     """Largest share of any limit of any face that the workpiece takes when lifted along tool -z; infinite if not held.
 
-    Load: weight and LIFTED along the tool axis, LIFTED across it in the worse direction, at the centre of mass.
+    Load at the centre of mass: weight and LIFTED along the tool axis, LIFTED across it in the worst of eight ways,
+    which are the same eight for all turns in which a single face may come (45 degrees apart).
     """
     holds, reasons = gripper.take(lambda xy: probe_part(workpiece, T_part_tool, xy), lambda _: workpiece.magnetic)
     if any(reasons) or not holds:
         return np.inf
     lever = T_part_tool[:3, :3].T @ (workpiece.com - T_part_tool[:3, 3])
     worst = 0.0
-    for across in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        force = workpiece.mass * np.array([*(LIFTED * np.array(across)), GRAVITY + LIFTED])
+    for across in ring(LIFTED, 8):
+        force = workpiece.mass * np.array([*across, GRAVITY + LIFTED])
         loads = share(force, np.cross(lever, force), holds[0])
         worst = max(worst, *(max(hold.use(load).values()) for hold, load in zip(holds[0], loads, strict=True)))
     return worst
@@ -81,6 +99,12 @@ def _level(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> Arr
     return T_part_tool @ make_transform(t=(0.0, 0.0, float(gap.min()) if np.isfinite(gap.min()) else 0.0))
 
 
+def pressed_by(gripper: PadGripper) -> tuple[float, ...]:
+    """How far past the surface the faces go [m], most wanted first; there is not always room beneath the surface."""
+    alone = isinstance(gripper, VacuumGripper) and gripper.sprung_alone
+    return (PRESS_ALONE * gripper.stroke, PRESS) if alone else (PRESS,)
+
+
 def _point(T_part_tool: Array, gripper: PadGripper) -> GraspPoint:
     plain = [[round(float(x), 6) + 0.0 for x in v] for v in T_part_tool[:3, [3, 2, 0]].T]
     single = len(gripper.centres) == 1
@@ -91,7 +115,7 @@ def _point(T_part_tool: Array, gripper: PadGripper) -> GraspPoint:
             "approach": plain[1],
             "closing": plain[2],
             "width": gripper.diameter,
-            "depths": (PRESS,),
+            "depths": pressed_by(gripper),
             "approach_rotation": Turn(to_deg=135.0, step_deg=45.0) if single else Turn(),
         }
     )

@@ -18,7 +18,7 @@ from cell.world import GRAVITY
 from grasping.grasp_points import expand
 from grasping.sample import SPACING, propose
 from grasping.sample_freeform import freeform_proposals
-from grasping.sample_pads import LIFTED, PRESS, worst_use
+from grasping.sample_pads import LIFTED, PRESS, PRESS_ALONE, worst_use
 from tests.cell.part_shapes import gear, mesh_of
 from tests.cell.solids import block, drilled, rod
 
@@ -95,3 +95,14 @@ def test_teeth_are_gripped_from_straight_above(monkeypatch: pytest.MonkeyPatch) 
     down = [p for p in points if abs(p.approach[2]) > 0.999]
     assert down and all(abs(p.closing[2]) < 1e-6 for p in down)
     assert all(0.0365 < p.width < 0.0385 for p in down)  # root circle 29 mm, tip circle 38 mm
+
+
+def test_ten_cups_find_the_one_place_between_the_slots_of_a_rail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 1,500 places drawn at random none keeps all ten cups off the slots; over the centre of mass there is one."""
+    monkeypatch.setattr("grasping.sample_pads.SPOTS", 100)
+    rail, cups = load_workpiece("ps6d_23"), load_gripper("cup_rail")
+    assert isinstance(cups, VacuumGripper)
+    points = propose(rail, cups, 4, np.random.default_rng(0))
+    assert {round(float(p.approach[2])) for p in points} == {-1, 1}  # from above, and within the channel
+    assert all(p.depths == (PRESS_ALONE * cups.stroke, PRESS) for p in points)
+    assert max(np.linalg.norm(np.asarray(p.centre)[:2]) for p in points) < 1e-6

@@ -30,6 +30,9 @@ class GraspingConfig(Config):
     weight_motion: float = Field(default=0.25, ge=0, description="of a short way of the arm")
     min_score: float = Field(default=0.0, ge=0, le=1, description="of an estimate below which nothing is gripped")
     min_uncovered: float = Field(default=0.0, ge=0, le=1, description="of the term below which nothing is gripped")
+    max_overlap_mm2: float | None = Field(
+        default=None, ge=0, description="[mm2] of it that may lie under another believed one, from above; null: any"
+    )
     max_candidates: int = Field(default=200, ge=1, le=1000, description="candidates handed on to planning, best first")
 
     def rank(self, terms: Mapping[str, float | Array]) -> Array:

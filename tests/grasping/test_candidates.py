@@ -13,6 +13,7 @@ from cell.workpiece import Workpiece
 from grasping.candidates import PER_ESTIMATE, Selection, select
 from grasping.clearance import OpenGripper, without_workpiece
 from grasping.grasp_points import MAX_TILT_DEG, GraspPoses, Turn, expand
+from grasping.overlap import LIES
 from grasping.ranking import GraspingConfig, robustness
 
 NOTHING = np.zeros((0, 3))
@@ -141,6 +142,16 @@ def test_an_estimate_with_too_low_a_score_is_ruled_out_by_score(choose: Chooser)
     selection = choose(Ts, scores=np.array([0.49, 0.5]), weights={"min_score": 0.5})
     assert {c.estimate for c in selection.candidates} == {1}
     assert reasons(selection, 0) == {"score": len(choose.poses.index)}
+
+
+def test_what_lies_under_a_known_workpiece_is_covered_and_free_when_that_one_is_doubtful(choose: Chooser) -> None:
+    Ts = np.stack([choose.lying(), choose.lying(x=0.02, z=0.03)])
+    strict = {"max_overlap_mm2": 0.0}
+    under = choose(Ts, weights=strict)
+    assert set(reasons(under, 0)) == {"covered"} and {c.estimate for c in under.candidates} == {1}
+    assert {c.estimate for c in choose(Ts).candidates} == {0, 1}  # not asked for
+    doubtful = choose(Ts, weights=strict, scores=np.array([0.9, 0.9 * LIES]))
+    assert {c.estimate for c in doubtful.candidates} == {0, 1}
 
 
 def test_switched_off_grasps_are_counted_as_disabled(choose: Chooser) -> None:

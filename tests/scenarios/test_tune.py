@@ -161,7 +161,8 @@ def plan_in(out: Path, workers: int = 1) -> Plan:
     names = ("plate_from_top", "edge_of_plate")
     return Plan(
         scenario, TABLE, JAW.name, tuple(POINTS.values()), names, (field,) if field else (),
-        frozenset({"perception"}), out, Reach(), generations=2, rounds=2, episodes=4, block=2, holdout=4, workers=workers,
+        frozenset({"perception"}), out, Reach(),
+        generations=2, rounds=2, episodes=4, block=2, holdout=4, workers=workers,
     )  # fmt: skip
 
 

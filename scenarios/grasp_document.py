@@ -158,13 +158,13 @@ class GraspDocument:
 
     def their_diff(self) -> str:
         """What another program changed in the file since it was read or saved last, as a unified diff."""
-        theirs = self.path.read_bytes() if self.path.exists() else b""
+        theirs = self._disk()
         return _diff(self._base, theirs.decode("utf-8", "replace"), self.path.name)
 
     def reload(self) -> None:
         """Take what is on disk; what was being edited is one `undo` away. `error` says if it cannot be taken."""
         try:
-            data = self.path.read_bytes() if self.path.exists() else None
+            data = self._disk() if self.path.exists() else None
             text = self._begun() if data is None else data.decode("utf-8")
             state = self._checked(text)
             check_text(text)
@@ -187,6 +187,15 @@ class GraspDocument:
         else:
             self.error = ""
 
+    def mended(self) -> bool:
+        """Whether what is on disk can be read again, though it is not what was read or saved last; nothing is taken."""
+        try:
+            self._checked(self._disk().decode("utf-8"))
+        except (InputError, UnicodeDecodeError):
+            return False
+        self.error = ""
+        return True
+
     def save(self, overwrite: bool = False) -> Saved | Conflict:
         """Write the text, whole or not at all, unless another program changed the file since.
 
@@ -204,7 +213,7 @@ class GraspDocument:
             if self.changed_outside():
                 if not overwrite:
                     return Conflict(self.their_diff())
-                theirs = target.read_bytes() if target.exists() else b""
+                theirs = self._disk()
                 if theirs:
                     self._checked(theirs.decode("utf-8", "replace"))
                     kept = _free(target)
@@ -215,6 +224,19 @@ class GraspDocument:
                 target.chmod(mode)
             self._base, self._seen, self.error = self.text, _hash(target), ""
         return Saved(kept)
+
+    def _disk(self) -> bytes:
+        """What is on disk, empty for no file.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        try:
+            return self.path.read_bytes()
+        except FileNotFoundError:
+            return b""
+        except OSError as error:
+            raise InputError(self.path, "", str(error.strerror), "a file that can be read") from None
 
     def _become(self, change: Any) -> None:
         if self._state is None:
@@ -286,7 +308,13 @@ def _diff(a: str, b: str, name: str) -> str:
 
 
 def _hash(path: Path) -> str | None:
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
+    """Of what is on disk; None for no file, empty for what cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except FileNotFoundError:
+        return None
+    except OSError:
+        return ""
 
 
 def _free(path: Path) -> Path:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -67,7 +69,9 @@ class GraspEditor:
         inner = self._server.get_port()
         self._gate = TokenGate(host, port, inner, token) if token else None
         self.url = (
-            f"http://{reached_at(host)}:{self._gate.port}/?token={token}" if self._gate else f"http://{HOST}:{inner}"
+            f"http://{reached_at(host)}:{self._gate.port}/?token={quote(token or '', safe='')}"
+            if self._gate
+            else f"http://{HOST}:{inner}"
         )
         planes = (*self._targets.centre_planes, *self._targets.symmetry_planes)
         self._scene = EditorScene(
@@ -206,12 +210,18 @@ class GraspEditor:
     def _undo(self) -> None:
         if not self.document.can_undo:
             self._panel.say("There is nothing to undo.", AMBER)
-        self.document.undo()
+        self._staying(self.document.undo)
 
     def _redo(self) -> None:
         if not self.document.can_redo:
             self._panel.say("There is nothing to redo.", AMBER)
-        self.document.redo()
+        self._staying(self.document.redo)
+
+    def _staying(self, change: Callable[[], None]) -> None:
+        """Another text, and the same grasp as before, wherever it stands in it."""
+        name = self.point.name if self.point is not None else ""
+        change()
+        self.selected = next((i for i, p in enumerate(self.document.points) if p.name == name), self.selected)
 
     def _switch(self) -> None:
         if self.point is not None:
@@ -287,7 +297,7 @@ class GraspEditor:
         self._panel.hint.content = HINTS["saved"]
 
     def _reload(self) -> None:
-        self.document.reload()
+        self._staying(self.document.reload)
         self._told = False
         self._panel.conflict(None)
 
@@ -296,7 +306,10 @@ class GraspEditor:
         while not self._closed:
             time.sleep(POLL)
             with self._lock:
-                self._look_at_file()
+                try:
+                    self._look_at_file()
+                except PickproofError as error:  # it cannot be read at the moment
+                    self._panel.say(str(error))
 
     def _look_at_file(self) -> None:
         if not self.document.changed_outside():
@@ -308,15 +321,17 @@ class GraspEditor:
                 self._told = False
                 self._panel.conflict(None)
             return
-        if self.document.error or not self.document.changed:
+        if self.document.error and self.document.changed and self.document.mended():
+            self._panel.say("The file can be read again.", GREEN)
+        if not self.document.changed:
             before = self.document.error
-            self.document.reload()  # there is nothing of ours to lose
+            self._staying(self.document.reload)  # there is nothing of ours to lose
             if self.document.error != before or not self.document.error:
                 self._panel.say(
                     "" if self.document.error else "The file was changed by another program and read again.", GREEN
                 )
                 self.show()
-        elif not self._told:
+        elif not self.document.error and not self._told:
             self._told = True
             self._panel.conflict(self.document.their_diff())
 

@@ -69,9 +69,9 @@ class Panel:
         with tabs.add_tab("Save"):
             gui.add_markdown("What saving changes in the file. Comments and order stay as they are.")
             self._button("Show changes", "show changes")
-            self._diff = gui.add_markdown("")
             self._write = self._button("Write the file", "save")
             self._write.visible = False
+            self._diff = gui.add_markdown("")
 
     def _grasp_tab(self) -> None:
         gui, actions = self._gui, self._actions

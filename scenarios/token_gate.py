@@ -10,8 +10,7 @@ import asyncio
 import hmac
 import socket
 import threading
-from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from cell.errors import InputError
 
@@ -41,6 +40,7 @@ class TokenGate:
 
     Attributes:
         port: on which it listens.
+        cookie: name of its cookie; browsers keep cookies by host, and other pages of it listen on other ports.
 
     Raises:
         InputError: it cannot listen there.
@@ -55,6 +55,7 @@ class TokenGate:
             self._loop.close()
             raise InputError("command line", "--host", f"{host}:{port}", f"an address to listen on ({error})") from None
         self.port = int(self._server.sockets[0].getsockname()[1])
+        self.cookie = f"{COOKIE}-{self.port}"
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
 
@@ -79,7 +80,8 @@ class TokenGate:
             if not given:
                 await _answer(writer, "403 Forbidden", "text/plain", b"pickproof: the address lacks its token\n")
             elif not by_cookie:
-                cookie = f"Set-Cookie: {COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/\r\nLocation: /"
+                value = quote(self._token, safe="")
+                cookie = f"Set-Cookie: {self.cookie}={value}; HttpOnly; SameSite=Strict; Path=/\r\nLocation: /"
                 await _answer(writer, "303 See Other", "text/plain", b"", cookie)
             else:
                 await self._pass_on(head, reader, writer)
@@ -93,11 +95,9 @@ class TokenGate:
         lines = head.decode("latin-1").split("\r\n")
         parts = (line.partition(":") for line in lines[1:])
         fields = {name.strip().lower(): value.strip() for name, _, value in parts}
-        try:
-            cookie = SimpleCookie(fields.get("cookie", "")).get(COOKIE)
-        except CookieError:
-            cookie = None
-        if cookie is not None and hmac.compare_digest(cookie.value.encode(), self._token.encode()):
+        cookies = (part.partition("=") for part in fields.get("cookie", "").split(";"))  # others' may be anything
+        own = [unquote(value.strip()).encode() for name, _, value in cookies if name.strip() == self.cookie]
+        if any(hmac.compare_digest(value, self._token.encode()) for value in own):
             return True, True
         words = lines[0].split(" ")
         asked = parse_qs(urlsplit(words[1]).query).get("token", [""])[0] if len(words) > 1 else ""

@@ -24,6 +24,7 @@ from scenarios.files import free_folder, write_json, write_whole
 from scenarios.parallel import mapping
 from scenarios.robustness import named, read_errors
 from scenarios.scenario import Scenario, load_scenario, scenario_json, scenario_path
+from scenarios.tune_cell import CELL
 from scenarios.tune_files import SCENARIO, TABLE, accept, changed_scenario, changed_table, check_editable, read_proposal
 from scenarios.tune_plan import HOLDOUT, Plan
 from scenarios.tune_report import REPORT, document, print_grasps, write_tune_report
@@ -87,6 +88,8 @@ def main(args: argparse.Namespace) -> int:
     if args.accept:
         return _accept(args)
     plan = plan_of(args)
+    source = scenario_path(args.scenario)
+    texts = {file: file.read_text(encoding="utf-8") for file in (plan.table, source)}
     check_inputs(plan.scenario, plan.oracle)
     _claim(plan, resume=args.resume)
     console = Console()
@@ -111,13 +114,15 @@ def main(args: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 130
-    write_whole(plan.out / TABLE, changed_table(plan.table, plan.points, result.points))
-    source = scenario_path(args.scenario)
-    write_whole(plan.out / SCENARIO, changed_scenario(source, result.fields, TABLE))
-    write_json(plan.out / RESULT, document(result))
+    write_whole(plan.out / TABLE, changed_table(plan.table, plan.points, result.points, texts[plan.table]))
+    write_whole(plan.out / SCENARIO, changed_scenario(source, result.fields, TABLE, texts[source]))
+    files = {"table": _digest(texts[plan.table]), "scenario": _digest(texts[source])}
+    write_json(plan.out / RESULT, document(result) | {"files": files})
     page = write_tune_report(plan, result, plan.out / REPORT)
     print_grasps(console, result)
-    if result.comparison is None:
+    if result.comparison is None and not result.history[CELL]:
+        console.print("the budget ended before whole cells were tried; --resume with the same words goes on")
+    elif result.comparison is None:
         console.print("nothing better than what there was has been found")
     else:
         print_comparison(console, result.comparison, plan.out / "old", plan.out / "new")
@@ -133,8 +138,7 @@ def plan_of(args: argparse.Namespace) -> Plan:
     Raises:
         InputError: something in it is not valid.
     """
-    plain = [text for text in args.set if ":" not in text.partition("=")[2] or text.partition("=")[2][:1] in "{["]
-    scenario = load_scenario(args.scenario, plain)
+    scenario = _fixed(args)
     if args.seed is not None:
         scenario = scenario.model_copy(update={"seed": args.seed})
     last = scenario.seed + HOLDOUT + args.holdout
@@ -143,10 +147,13 @@ def plan_of(args: argparse.Namespace) -> Plan:
     if args.block > args.episodes:
         raise InputError("command line", "--block", args.block, f"at most --episodes, {args.episodes}")
     fields = [f for text in args.set if (f := parse_field(text, scenario)) is not None]
+    if twice := sorted({f.name for f in fields if sum(g.name == f.name for g in fields) > 1}):
+        raise InputError("command line", "--set", twice[0], "one range for each field")
     workpiece, gripper = load_workpiece(scenario.workpiece), load_gripper(scenario.gripper)
-    table = Path(scenario.grasps) if scenario.grasps else workpiece.folder / "grasps.yaml"
+    table = _table_of(scenario)
     usable = {p.name for p in load_grasps(workpiece, gripper, table).points if p.gripper == gripper.name and p.enabled}
-    points = read_table(table).grasps
+    read = read_table(table)
+    points = read.grasps
     for file in (table, scenario_path(args.scenario)):
         check_editable(file)
     names = [] if args.grasps == "none" else named([p for p in points if p.name in usable], args.grasps, table)
@@ -155,6 +162,7 @@ def plan_of(args: argparse.Namespace) -> Plan:
     return Plan(
         scenario=scenario,
         table=table,
+        gripper=read.gripper,
         points=tuple(points),
         names=tuple(p.name for p in names),
         fields=tuple(fields),
@@ -172,6 +180,20 @@ def plan_of(args: argparse.Namespace) -> Plan:
         ray=args.ray,
         command=f"pickproof {shlex.join(args.words)}",
     )
+
+
+def _fixed(args: argparse.Namespace) -> Scenario:
+    """The scenario with the fields that `--set FIELD=VALUE` fixes."""
+    plain = [text for text in args.set if ":" not in text.partition("=")[2] or text.partition("=")[2][:1] in "{["]
+    return load_scenario(args.scenario, plain)
+
+
+def _table_of(scenario: Scenario) -> Path:
+    return Path(scenario.grasps) if scenario.grasps else load_workpiece(scenario.workpiece).folder / "grasps.yaml"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _claim(plan: Plan, resume: bool) -> None:
@@ -209,12 +231,16 @@ def _identity(plan: Plan) -> dict[str, Any]:
 
 
 def _accept(args: argparse.Namespace) -> int:
-    scenario: Scenario = load_scenario(args.scenario)
-    table = Path(scenario.grasps) if scenario.grasps else load_workpiece(scenario.workpiece).folder / "grasps.yaml"
-    result = read_proposal(args.out / RESULT)
-    before = read_proposal(args.out / STATE)
+    table, source = _table_of(_fixed(args)), scenario_path(args.scenario)
+    result, before = read_proposal(args.out / RESULT), read_proposal(args.out / STATE)
     if hashlib.sha256(table.read_bytes()).hexdigest() != before["table"]:
-        raise InputError(table, "", "changed since the search", "the table that the search began with")
-    written = accept(args.out, table, scenario_path(args.scenario), result["fields"])
+        raise InputError(table, "", "changed since the search, or another table", "the one that the search began with")
+    was = result.get("files", {}).get("scenario")
+    if result["fields"] and was is not None and _digest(source.read_text(encoding="utf-8")) != was:
+        raise InputError(source, "", "changed since the search, or another scenario", "the one that was searched")
+    comparison = result["comparison"]
+    if comparison is not None and comparison["verdict"] != "better":
+        print(f"over unseen bins: {comparison['verdict']}")
+    written = accept(args.out, table, source, result["fields"])
     print("wrote " + ", ".join(str(p) for p in written) if written else "nothing to change")
     return 0

@@ -6,10 +6,10 @@ import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from grasping.grasp_points import GraspPoint, read_table
+from grasping.grasp_points import GraspPoint
 from scenarios.campaign import run_campaign
 from scenarios.compare import Comparison, compare
-from scenarios.files import write_whole
+from scenarios.files import free_folder, write_whole
 from scenarios.grasps import table_text
 from scenarios.paired import Outcome, outcomes
 from scenarios.pool import Runner
@@ -22,8 +22,7 @@ def run_cell(
     plan: Plan, runner: Runner, points: Sequence[GraspPoint], scenario: Scenario, episodes: int
 ) -> list[Outcome]:
     """The first episodes of a candidate; what its folder holds already is not run again."""
-    plain = scenario_json(scenario.model_copy(update={"seed": 0, "grasps": ""}))
-    key = hashlib.sha256(f"{plain} {points_hash(points)}".encode()).hexdigest()[:16]
+    key = hashlib.sha256(f"{_plain(scenario)} {points_hash(points)}".encode()).hexdigest()[:16]
     return run_folder(plan, runner, plan.out / "campaigns" / key, points, scenario, plan.scenario.seed, episodes)
 
 
@@ -42,12 +41,15 @@ def run_folder(
     episodes: int,
 ) -> list[Outcome]:
     """Episodes from `seed` on with grasp points of their own, in order of seed."""
-    own = folder / "grasps.yaml"
-    if not own.is_file():
-        write_whole(own, table_text(list(points), read_table(plan.table).gripper))
+    own, text = folder / "grasps.yaml", table_text(list(points), plan.gripper)
     scenario = scenario.model_copy(update={"grasps": str(own.resolve()), "seed": seed})
     there = (folder / FILE).is_file()
-    if not there or _ended(folder) < episodes:
+    if there and (own.read_text(encoding="utf-8") != text or _scenario_of(folder) != _plain(scenario)):
+        folder.rename(free_folder(folder))  # of what an earlier end of the search proposed
+        there = False
+    if not there:
+        write_whole(own, text)
+    if not there or _ended(folder, seed + episodes) < episodes:
         run_campaign(
             scenario,
             episodes=max(episodes, _asked(folder) if there else 0),
@@ -90,9 +92,20 @@ def on_unseen_bins(
     return compare(plan.out / "old", plan.out / "new")
 
 
-def _ended(folder: Path) -> int:
+def _ended(folder: Path, before: int) -> int:
+    """How many episodes of seeds below `before` have ended; of workers' episodes a later one may end first."""
     with Store.read(folder) as store:
-        return len(store.episodes())
+        return sum(e.seed < before for e in store.episodes())
+
+
+def _scenario_of(folder: Path) -> str:
+    with Store.read(folder) as store:
+        return _plain(Scenario.model_validate_json(store.meta()["scenario"]))
+
+
+def _plain(scenario: Scenario) -> str:
+    """The scenario without its seed and where its table lies."""
+    return scenario_json(scenario.model_copy(update={"seed": 0, "grasps": ""}))
 
 
 def _asked(folder: Path) -> int:

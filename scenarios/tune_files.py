@@ -8,23 +8,30 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from cell.config import parse, parse_yaml
 from cell.errors import InputError
 from grasping.grasp_points import GraspPoint
 from scenarios.files import write_whole
 from scenarios.grasp_yaml import set_fields
+from scenarios.scenario import Scenario
 from scenarios.yaml_edit import EditError, check_text, edit_text, styled
 
 T = TypeVar("T")
 TABLE, SCENARIO = "grasps.yaml", "scenario.yaml"
 
 
-def changed_table(source: Path, before: Sequence[GraspPoint], after: Sequence[GraspPoint]) -> str:
+def changed_table(
+    source: Path, before: Sequence[GraspPoint], after: Sequence[GraspPoint], text: str | None = None
+) -> str:
     """The text of the table at `source`, which holds `before`, with the fields of grasp points that differ.
+
+    Args:
+        text: that the table had when `before` was read, None for what it has now.
 
     Raises:
         InputError: the file cannot be changed without losing something of it.
     """
-    text = source.read_text(encoding="utf-8")
+    text = source.read_text(encoding="utf-8") if text is None else text
     for index, (old, new) in enumerate(zip(before, after, strict=True)):
         was, now = old.model_dump(mode="json"), new.model_dump(mode="json")
         if changes := {name: value for name, value in now.items() if value != was[name]}:
@@ -32,26 +39,40 @@ def changed_table(source: Path, before: Sequence[GraspPoint], after: Sequence[Gr
     return text
 
 
-def changed_scenario(source: Path, fields: dict[str, Any], grasps: str | None) -> str:
+def changed_scenario(source: Path, fields: dict[str, Any], grasps: str | None, text: str | None = None) -> str:
     """The text of the scenario at `source` with dotted fields replaced, and naming another table where given.
+
+    A list, or the kind of a section, that the file leaves to its default is written out where a field of it changes.
+
+    Args:
+        text: of the scenario when `fields` were found, None for what it is now.
 
     Raises:
         InputError: as `changed_table`.
     """
     changes = fields if grasps is None else fields | {"grasps": grasps}
+    text = source.read_text(encoding="utf-8") if text is None else text
+    whole = parse(Scenario, parse_yaml(text, source), source).model_dump(mode="json")
 
     def change(document: Any) -> None:
         for dotted, value in changes.items():
             *path, last = dotted.split(".")
-            inner = document
+            inner, full = document, whole
             for key in path:
-                inner = inner[int(key)] if isinstance(inner, list) else inner.setdefault(key, {})
+                full = full[int(key)] if isinstance(full, list) else full[key]
+                if isinstance(inner, list):
+                    inner = inner[int(key)]
+                    continue
+                if inner.get(key) is None:
+                    left_out = full if isinstance(full, list) else {k: v for k, v in full.items() if k == "kind"}
+                    inner[key] = styled(left_out, None) if isinstance(full, list) else left_out
+                inner = inner[key]
             if isinstance(inner, list):
                 inner[int(last)] = value
             else:
                 inner[last] = styled(value, inner.get(last))
 
-    return _edited(source, partial(edit_text, source.read_text(encoding="utf-8"), change))
+    return _edited(source, partial(edit_text, text, change))
 
 
 def check_editable(source: Path) -> None:

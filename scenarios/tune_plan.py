@@ -21,8 +21,8 @@ class Plan:
     """What is tuned, and with how much effort.
 
     Attributes:
-        scenario: as it is, with the seed of bins and search; `points` are those of its `table`, `names` those of them
-            that may be moved, `reach` how far.
+        scenario: as it is, with the seed of bins and search; `points` are those of its `table`, made for `gripper`
+            unless they say otherwise, `names` those of them that may be moved, `reach` how far.
         fields: numbers of the scenario that may change too.
         generations: of each grasp; rounds: of whole cells; episodes: of a candidate at most, `block` at a time.
         holdout: unseen episodes of the final comparison.
@@ -32,6 +32,7 @@ class Plan:
 
     scenario: Scenario
     table: Path
+    gripper: str
     points: tuple[GraspPoint, ...]
     names: tuple[str, ...]
     fields: tuple[Field, ...]

@@ -65,7 +65,7 @@ def race(
     ran: dict[K, Sequence[Outcome]] = {}
     alive = list(dict.fromkeys(candidates))
     dropped: set[K] = set()
-    for n in range(block, episodes + 1, block):
+    for n in [*range(block, episodes, block), episodes]:
         for key in dict.fromkeys([reference, *alive]):
             ran[key] = outcomes(key, n)
         best = max(dict.fromkeys([reference, *alive]), key=lambda k: pooled(ran[k]))

@@ -63,7 +63,7 @@ class Told:
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial that has been told."""
+    """A trial that has been told; `number` is its place among those, 0 for the start."""
 
     number: int
     generation: int
@@ -96,8 +96,7 @@ class Search:
     ) -> None:
         self.parameters, self._seed, self._name = tuple(parameters), seed, name
         self._study = optuna.create_study(storage=journal, study_name=name, direction="maximize", load_if_exists=True)
-        for trial in self._study.get_trials(deepcopy=False, states=(TrialState.RUNNING, TrialState.WAITING)):
-            self._study.tell(trial.number, state=TrialState.FAIL)  # asked, and then interrupted
+        self._after_interruption()
         self._given = [{p.name: p.start for p in self.parameters}, *given]
 
     @property
@@ -110,8 +109,8 @@ class Search:
         """Those told, in their order."""
         found = self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         return [
-            Trial(t.number, t.user_attrs["generation"], dict(t.params), float(t.value), t.user_attrs["detail"])
-            for t in found
+            Trial(number, t.user_attrs["generation"], dict(t.params), float(t.value), t.user_attrs["detail"])
+            for number, t in enumerate(found)
             if t.value is not None
         ]
 
@@ -153,6 +152,7 @@ class Search:
         """What became of a generation, in its order."""
         for trial, result in zip(asked, told, strict=True):
             trial.set_user_attr("detail", result.detail)
+            trial.set_user_attr("value", result.value)
         for trial, result in zip(asked, told, strict=True):
             self._study.tell(trial, result.value)
 
@@ -164,6 +164,17 @@ class Search:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             return dict(get_param_importances(self._study, evaluator=PedAnovaImportanceEvaluator()))
+
+    def _after_interruption(self) -> None:
+        """Give up what was asked and never told; tell the rest of a generation that was told in part."""
+        for _ in self._study.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
+            self._study.ask()  # takes the one that waits
+        begun = {t.generation for t in self.trials}
+        for trial in self._study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+            if trial.user_attrs.get("generation") in begun:
+                self._study.tell(trial.number, trial.user_attrs["value"])
+            else:
+                self._study.tell(trial.number, state=TrialState.FAIL)
 
     def _first(self, size: int) -> list[Values]:
         points = list(self._given)

@@ -40,8 +40,8 @@ class Reach:
 def grasp_parameters(point: GraspPoint, gripper: Gripper, reach: Reach) -> list[Parameter]:
     """What the search may change of one grasp point on a lone workpiece; all but the opening are moves from it."""
     shift = 1000 * reach.shift
-    found = [Parameter(name, -shift, shift, 0.0, star=True) for name in SHIFTS]
-    found += [Parameter(name, -reach.turn_deg, reach.turn_deg, 0.0) for name in TURNS]
+    found = [Parameter(name, -shift, shift, 0.0, star=True) for name in SHIFTS if shift]
+    found += [Parameter(name, -reach.turn_deg, reach.turn_deg, 0.0) for name in TURNS if reach.turn_deg]
     found.append(Parameter("depth_mm", -DEPTH_MM, DEPTH_MM, 0.0, star=True))
     if isinstance(gripper, ParallelJaw):
         widest = min(gripper.max_opening, point.width + WIDEST)
@@ -54,10 +54,10 @@ def grasp_parameters(point: GraspPoint, gripper: Gripper, reach: Reach) -> list[
 def moved(point: GraspPoint, values: Values) -> GraspPoint:
     """The grasp point with `values` of its parameters; what they leave as it is keeps its exact numbers."""
     change: dict[str, Any] = {}
-    shift = np.array([values[name] for name in SHIFTS])
+    shift = np.array([values.get(name, 0.0) for name in SHIFTS])
     if shift.any():
         change["centre"] = _rounded(np.asarray(point.centre) + 1e-3 * shift, 5)
-    turn = np.deg2rad([values[name] for name in TURNS])
+    turn = np.deg2rad([values.get(name, 0.0) for name in TURNS])
     if turn.any():
         R = grip_axes(point) @ Rotation.from_rotvec(turn).as_matrix()
         change |= {"approach": _rounded(R[:, 2], 6), "closing": _rounded(R[:, 0], 6)}
@@ -118,6 +118,8 @@ def parse_field(text: str, scenario: Scenario) -> Field | None:
     now = _value(scenario.model_dump(mode="json"), name)
     if isinstance(now, bool) or not isinstance(now, int | float):
         raise InputError("command line", "--set", name, "a field of the scenario that is a number")
+    if isinstance(now, int) and not (low.is_integer() and high.is_integer()):
+        raise InputError("command line", "--set", text, f"whole numbers; {name} is one")
     for end in (low, high):
         with_fields(scenario, {name: round(end) if isinstance(now, int) else end})
     return Field(name, low, high, min(max(float(now), low), high), isinstance(now, int))
@@ -128,7 +130,7 @@ def _ends(text: str, values: str) -> tuple[float, float]:
         low, high = (float(v) for v in values.split(":"))
     except ValueError:
         low = high = 0.0
-    if not low < high:
+    if not (low < high and np.isfinite([low, high]).all()):
         raise InputError("command line", "--set", text, "FIELD=LOW:HIGH with two numbers, the first one the smaller")
     return low, high
 

@@ -131,6 +131,47 @@ def test_a_file_mended_to_what_it_was_is_edited_on_and_the_complaint_goes(editor
     assert table.read_text() == mine
 
 
+def test_a_file_mended_to_something_else_asks_what_is_to_stay(editor: GraspEditor, table: Path) -> None:
+    """It was read again, and what was being edited was gone from the page."""
+    whole = table.read_text()
+    table.write_text("gripper: [")
+    soon(lambda: "cannot be edited" in shown(editor))
+    editor.act("on / off")
+    mine = editor.document.text
+    table.write_text(whole.replace("width: 0.012", "width: 0.0125"))
+    soon(lambda: "0.0125" in shown(editor) and editor._panel._conflict.visible)
+    assert editor.document.text == mine and "cannot be edited" not in shown(editor)
+    editor.act("overwrite")
+    assert table.read_text() == mine and not editor._panel._conflict.visible
+
+
+def test_a_file_that_cannot_be_read_for_a_while_is_watched_on(editor: GraspEditor, table: Path) -> None:
+    whole = table.read_text()
+    editor.act("on / off")
+    table.unlink()
+    table.mkdir()
+    soon(lambda: "Is a directory" in shown(editor))
+    editor.act("save")
+    editor.act("overwrite")
+    assert table.is_dir() and "Is a directory" in shown(editor)
+    table.rmdir()
+    table.write_text(whole.replace("width: 0.012", "width: 0.0125"))
+    editor.act("save")
+    assert "0.0125" in shown(editor)
+    assert all(thread.is_alive() for thread in editor._threads)
+
+
+def test_undo_stays_at_the_grasp_that_is_edited(editor: GraspEditor) -> None:
+    """After Down and Undo another grasp was under the cursor, and got what was typed next."""
+    edited = editor.document.points[0]
+    editor.act("down")
+    assert editor.point == edited
+    editor.act("undo")
+    assert editor.point == edited and editor.selected == 0
+    editor.act("redo")
+    assert editor.point == edited and editor.selected == 1
+
+
 def test_a_button_says_what_it_did_where_nothing_moves(editor: GraspEditor) -> None:
     editor.act("undo")
     assert "nothing to undo" in shown(editor)

@@ -48,7 +48,7 @@ def test_without_the_token_nobody_comes_in(gate: TokenGate) -> None:
         ("/", None),
         ("/?token=wrong", None),
         ("/?token=", None),
-        ("/", f"{COOKIE}=wrong"),
+        ("/", f"{COOKIE}-{gate.port}=wrong"),
         ("/", "x"),
     ):
         status, body, given = get(gate, path, cookie)
@@ -58,7 +58,23 @@ def test_without_the_token_nobody_comes_in(gate: TokenGate) -> None:
 def test_with_the_token_one_comes_in_and_stays(gate: TokenGate) -> None:
     status, _, given = get(gate, "/?token=right")
     assert status == 303 and given is not None and "HttpOnly" in given and "SameSite=Strict" in given
-    assert get(gate, "/", given.split(";")[0])[:2] == (200, "the page")
+    own = given.split(";")[0]
+    assert get(gate, "/", own)[:2] == (200, "the page")
+    assert get(gate, "/", f'jupyter={{"a": 1}}; x[y]=z w; {own}')[:2] == (200, "the page")
+
+
+def test_two_pages_of_one_host_and_odd_tokens_do_not_meet(gate: TokenGate) -> None:
+    """A browser sends a cookie to every port of its host, and the second page must not take the first one's away."""
+    other = TokenGate("127.0.0.1", 0, gate._inner, 'a b;c="d')
+    try:
+        status, _, given = get(other, "/?token=a%20b%3Bc%3D%22d")
+        mine = get(gate, "/?token=right")[2]
+        assert status == 303 and given is not None and mine is not None
+        both = "; ".join(cookie.split(";")[0] for cookie in (mine, given))
+        assert given.split("=")[0] != mine.split("=")[0]
+        assert get(gate, "/", both)[:2] == get(other, "/", both)[:2] == (200, "the page")
+    finally:
+        other.close()
 
 
 def test_an_address_that_is_not_ours_is_one_line() -> None:

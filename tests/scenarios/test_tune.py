@@ -21,16 +21,28 @@ from grasping.grasp_points import GraspPoint, first_pose, opening, read_table
 from scenarios import tune_bins
 from scenarios.cli import main
 from scenarios.grasp_trial import TrialCell
+from scenarios.grasps import table_text
 from scenarios.parallel import mapping
 from scenarios.scenario import SHIPPED, Scenario, load_scenario
-from scenarios.store import FILE
+from scenarios.store import FILE, Store
 from scenarios.tune_cell import winner
 from scenarios.tune_files import changed_scenario, changed_table
 from scenarios.tune_plan import Plan
 from scenarios.tune_report import move
 from scenarios.tune_run import Result, run_plan
 from scenarios.tune_search import Parameter, Search, Told, open_journal
-from scenarios.tune_space import SHIFTS, TURNS, Reach, candidate, cell_parameters, grasp_parameters, moved, parse_field
+from scenarios.tune_space import (
+    SHIFTS,
+    TURNS,
+    Reach,
+    candidate,
+    cell_parameters,
+    distance,
+    grasp_parameters,
+    moved,
+    parse_field,
+    with_fields,
+)
 from scenarios.tune_trial import GraspTask, draw_errors, straddled, try_point
 
 TABLE = SHIPPED / "workpieces" / "bracket" / "grasps.yaml"
@@ -115,6 +127,9 @@ def test_candidates_change_what_their_values_say() -> None:
         (["--set", "count=10:20"], ["count", "source_bin"]),
         (["--set", "carry.speed_scale=0.5:1.5"], ["carry.speed_scale", "1.5"]),
         (["--set", "carry.speed_scale=0.9:0.5"], ["--set", "0.9:0.5", "smaller"]),
+        (["--set", "carry.speed_scale=0.5:inf"], ["--set", "0.5:inf"]),
+        (["--set", "camera.width=640.2:640.8"], ["--set", "camera.width", "whole numbers"]),
+        (["--set", "camera.width=640:700", "--set", "camera.width=600:640"], ["--set", "camera.width", "one range"]),
         (["--errors", "nowhere.json"], ["nowhere.json", "pickproof evaluate"]),
         (["--block", "9"], ["--block", "9", "--episodes"]),
         (["--resume"], ["--resume", "--out"]),
@@ -145,8 +160,9 @@ def plan_in(out: Path, workers: int = 1) -> Plan:
     field = parse_field("carry.speed_scale=0.5:1.0", scenario)
     names = ("plate_from_top", "edge_of_plate")
     return Plan(
-        scenario, TABLE, tuple(POINTS.values()), names, (field,) if field else (), frozenset({"perception"}), out,
-        Reach(), generations=2, rounds=2, episodes=4, block=2, holdout=4, workers=workers,
+        scenario, TABLE, JAW.name, tuple(POINTS.values()), names, (field,) if field else (),
+        frozenset({"perception"}), out, Reach(),
+        generations=2, rounds=2, episodes=4, block=2, holdout=4, workers=workers,
     )  # fmt: skip
 
 
@@ -223,7 +239,14 @@ def test_command_searches_resumes_and_writes_in_place(
     assert "changed: scenario" in capsys.readouterr().err
     assert main([*words, "--resume"]) == 0
     assert json.loads((out / "tune.json").read_text())["history"] == found["history"]
-    assert main(["tune", str(file), "--out", str(out), "--accept"]) == 0
+    accepting = ["tune", str(file), "--out", str(out), "--accept"]
+    proposed = file.read_text()
+    file.write_text(proposed.replace("speed_scale: 0.4", "speed_scale: 0.5"))
+    capsys.readouterr()
+    assert main(accepting) == 2 and "changed since the search" in capsys.readouterr().err
+    file.write_text(proposed)
+    assert main(accepting) == 0
+    assert load_scenario(str(file)).count == 30  # fixed for the search, no proposal
     text = file.read_text()
     assert load_scenario(str(file)).carry.speed_scale == found["fields"]["carry.speed_scale"]
     assert (
@@ -279,3 +302,51 @@ def test_a_grasp_that_holds_nothing_is_worth_more_the_nearer_it_comes() -> None:
     errors = draw_errors(np.random.default_rng(0), load_workpiece("bracket"), draws=2)
     told = try_point(GraspTask("bracket", "jaw_v1", bad, errors))
     assert told.detail["share"] == 0.0 and 0.0 < told.value < 0.2
+
+
+def test_a_list_that_the_scenario_leaves_to_its_default_is_written_whole(tmp_path: Path) -> None:
+    file = tmp_path / "s.yaml"
+    file.write_text("name: s  # kept\nworkpiece: bracket\n")
+    before = load_scenario(str(file))
+    file.write_text(changed_scenario(file, {"camera.eye.2": 0.91, "perception.min_score": 0.7}, None))
+    after = load_scenario(str(file))
+    assert after.camera.eye == (*before.camera.eye[:2], 0.91) and after.perception.min_score == 0.7
+    assert "# kept" in file.read_text()
+
+
+@pytest.mark.parametrize("reach", [Reach(0.0, 15.0), Reach(0.008, 0.0), Reach(0.0, 0.0)])
+def test_what_may_not_be_moved_is_no_parameter(reach: Reach) -> None:
+    point = POINTS["plate_from_top"]
+    parameters = grasp_parameters(point, JAW, reach)
+    start = {p.name: p.start for p in parameters}
+    assert all(p.low < p.high for p in parameters) and distance(parameters, start) == 0.0
+    assert moved(point, start) == point
+
+
+def test_resuming_with_another_winner_compares_that_one(tmp_path: Path, campaigns_here: None) -> None:
+    """`new` held what the search proposed before it was continued, and was taken for the new proposal's result."""
+    plan = plan_in(tmp_path)
+    points, scenario = list(plan.points), plan.scenario
+    for speed in (0.6, 0.9):
+        cell = with_fields(scenario, {"carry.speed_scale": speed})
+        tune_bins.run_folder(plan, planted_episode.run_episode, tmp_path / "new", points, cell, 7, 4)
+    slow, fast = load_speed(tmp_path / "new-2"), load_speed(tmp_path / "new")
+    assert (slow, fast) == (0.6, 0.9)
+    other = [points[0].model_copy(update={"priority": 0.125}), *points[1:]]
+    tune_bins.run_folder(plan, planted_episode.run_episode, tmp_path / "new", other, cell, 7, 4)
+    assert read_table(tmp_path / "new" / "grasps.yaml").grasps[0].priority == 0.125
+
+
+def load_speed(folder: Path) -> float:
+    with Store.read(folder) as store:
+        return Scenario.model_validate_json(store.meta()["scenario"]).carry.speed_scale
+
+
+def test_bins_that_ended_out_of_order_are_not_taken_for_the_first(tmp_path: Path, campaigns_here: None) -> None:
+    """Two workers, interrupted: seeds 7 and 9 have ended, 8 has not."""
+    plan = plan_in(tmp_path)
+    folder, points = tmp_path / "one", list(plan.points)
+    planted_episode.write_campaign(folder, plan.scenario, range(7, 11, 2))
+    (folder / "grasps.yaml").write_text(table_text(points, plan.gripper))
+    found = tune_bins.run_folder(plan, planted_episode.run_episode, folder, points, plan.scenario, 7, 2)
+    assert [o.seed for o in found] == [7, 8]

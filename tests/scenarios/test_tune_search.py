@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,3 +101,39 @@ def test_neither_never_moving_nor_endless_trying_looks_good() -> None:
     steady = Outcome(0, 10, 9, 10, 9, True)
     assert counts_of_all([idle]) == ([2], [10]) and counts_of_all([stubborn]) == ([10], [40])
     assert pooled([steady]) > max(pooled([idle]), pooled([stubborn]))
+
+
+@pytest.mark.parametrize("stop", ["enqueued", "asked", "half told"])
+def test_wherever_it_stops_it_goes_on_with_the_same_trials(
+    tmp_path: Path, stop: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The number of a trial is its place among those told: the start is 0 also where the first were lost."""
+    whole = searched(tmp_path / "whole", generations=3)
+    search = Search(open_journal(tmp_path / "cut"), "a", PARAMETERS, 0)
+    if stop == "enqueued":
+        search._study.enqueue_trial({p.name: p.start for p in PARAMETERS})
+    else:
+        asked = search.ask(6)
+        if stop == "half told":
+            told, left = search._study.tell, iter([True, True, False])
+
+            def tell(trial: Any, value: float) -> None:
+                if not next(left):
+                    raise KeyboardInterrupt
+                told(trial, value)
+
+            monkeypatch.setattr(search._study, "tell", tell)
+            with pytest.raises(KeyboardInterrupt):
+                search.tell(asked, [Told(bowl(dict(t.params)), {}) for t in asked])
+    assert searched(tmp_path / "cut", generations=3) == whole
+
+
+def test_a_race_runs_all_the_bins_that_were_asked_for() -> None:
+    asked: list[int] = []
+
+    def outcomes(key: str, n: int) -> list[Outcome]:
+        asked.append(n)
+        return [Outcome(seed, 5, 4, 5, 4, True) for seed in range(n)]
+
+    assert race(["a"], "start", outcomes, 3, 8)["a"].episodes == 8
+    assert sorted(set(asked)) == [3, 6, 8]

@@ -9,7 +9,9 @@ import numpy as np
 from PIL import Image
 
 from cell.arm import Arm
+from cell.bin import Bin
 from cell.errors import InputError
+from cell.frames import apply
 from cell.picture import cell_picture
 from cell.world import World
 from scenarios.files import StoreError
@@ -21,6 +23,8 @@ RATE = 12.5  # [1/s] pictures of a second of the motion
 SIZE = (560, 420)
 MOMENTS = 6
 """Pictures side by side of a PNG."""
+WHOLE = 0.97  # [m] over both bins of the smallest cells, which are seen from nearest
+HALVES = np.array([[x, y, 0.0] for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
 INK, GOOD, BAD = (40, 36, 27), (60, 130, 30), (50, 60, 190)  # BGR
 
 
@@ -55,8 +59,7 @@ def pictures(shown: Replayed, frames: np.ndarray) -> list[tuple[float, np.ndarra
         for T in motion.parts_at(0):
             world.add_part(shown.workpiece, T)
         (source, place), drawn = shown.bins, []
-        x, y, z = (np.array(source.position) + place.position) / 2
-        eye, target = (x + 0.6, y - 0.75, z + 0.65), (x - 0.04, y + 0.02, z + 0.12)
+        eye, target = looking(source, place)
         for frame in frames:
             arm.reset(motion.q[frame], float(motion.opening[frame]))
             for i, T in enumerate(motion.parts_at(frame)):
@@ -66,6 +69,16 @@ def pictures(shown: Replayed, frames: np.ndarray) -> list[tuple[float, np.ndarra
     finally:
         world.close()
     return drawn
+
+
+def looking(source: Bin, place: Bin) -> tuple[list[float], list[float]]:
+    """Eye and target [m] from which both bins are in the picture, whatever their size."""
+    corners = np.concatenate([apply(b.T_world_bin, HALVES * b.inner) for b in (source, place)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle = (np.array(source.position) + place.position) / 2
+    scale = max(float(np.linalg.norm(high[:2] - low[:2])) / WHOLE, 1.0)
+    eye, target = np.array([0.6, -0.75, 0.65]), np.array([-0.04, 0.02, 0.12])
+    return (middle + scale * eye).tolist(), (middle + scale * target).tolist()
 
 
 def _chosen(shown: Replayed, suffix: str) -> np.ndarray:

@@ -15,18 +15,20 @@ from sockets import listening, on_loopback
 from test_report import meta
 
 from cell.arm import Arm
+from cell.camera import look_at
 from cell.errors import InputError
+from cell.frames import apply, invert
 from cell.world import World
 from grasping.verdict import CHOSEN, Verdict
 from robots.links import link_poses, link_shapes
 from robots.model import load_robot
 from scenarios.artefact import LENGTH_STEP, path_of, poses_to_matrices, read_artefact, write_artefact
 from scenarios.episode import run_episode
-from scenarios.film import pictures, record
+from scenarios.film import SIZE, looking, pictures, record
 from scenarios.job import Job
 from scenarios.replay_data import Replayed
 from scenarios.replay_page import ReplayPage
-from scenarios.scenario import load_scenario, scenario_json
+from scenarios.scenario import list_scenarios, load_scenario, scenario_json
 from scenarios.store import Store
 from scenarios.tape import PERIOD, Keep
 
@@ -94,6 +96,21 @@ def test_writing_and_reading_changes_nothing_but_the_last_digits(shown: Replayed
     np.testing.assert_array_equal(back.depth > 0, a.depth > 0)
     np.testing.assert_allclose(back.depth, a.depth, atol=5.1e-5)
     assert [c["verdict"] for c in back.candidates] == [c["verdict"] for c in a.candidates]
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_a_film_shows_both_bins_of_any_cell(name: str) -> None:
+    """A cell of 2 m was seen from as near as one of half a metre."""
+    scenario = load_scenario(name)
+    bins = [scenario.source_bin.build("source"), scenario.place_bin.build("place")]
+    eye, target = looking(*bins)
+    seen = invert(look_at(np.array(eye), np.array(target), up=(0.0, 0.0, 1.0)))
+    steepest = np.tan(np.deg2rad(45.0 / 2))
+    for one in bins:
+        corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)]
+        x, y, z = apply(seen, apply(one.T_world_bin, np.array(corners) * one.inner)).T
+        assert (z > 0).all() and (np.abs(y / z) < steepest).all()
+        assert (np.abs(x / z) < steepest * SIZE[0] / SIZE[1]).all()
 
 
 def test_what_was_not_kept_or_is_damaged_says_so(campaign: Path, tmp_path: Path) -> None:

@@ -62,7 +62,10 @@ def decompose(mesh: trimesh.Trimesh, turned: bool) -> Pieces:
         parts, kind = _convex_parts(mesh)
         pieces, thick = _hulls(parts)
         boxes = sum(isinstance(piece, CollisionBox) for piece in pieces)
-        how = f"{len(pieces) - boxes} {kind}" + (f" and {boxes} boxes for thin ones" if boxes else "")
+        kinds = [f"{len(pieces) - boxes} {kind}"] * (len(pieces) > boxes) + [f"{boxes} boxes for thin ones"] * (
+            boxes > 0
+        )
+        how = " and ".join(kinds)
         how += f"; {thick} were thickened to {1000 * THINNEST:.1f} mm" if thick else ""
     outside, beyond = piece_errors(mesh, pieces)
     return Pieces(tuple(pieces), outside, beyond, how)

@@ -40,7 +40,7 @@ def read_checked(path: Path, unit: str) -> Checked:
     """
     kind = path.suffix.lower().removeprefix(".")
     if not path.is_file():
-        raise InputError(path, "", "missing file", READABLE)
+        raise InputError(path, "", "a folder" if path.is_dir() else "missing file", READABLE)
     if kind not in FORMATS:
         raise InputError(path, "", path.suffix or path.name, f"{READABLE}; archives are to be unpacked")
     if kind in ("step", "stp"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 import shutil
 import sys
 import tempfile
@@ -58,9 +59,11 @@ def main(args: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     begun, console = time.monotonic(), Console()
     root, target = _target(args)
+    if args.symmetry is not None:
+        _three(args.symmetry, "--symmetry")  # before the mesh is looked at
     say = _sayer(console)
     checked = read_checked(args.mesh, args.unit)
-    mesh, heap, found = search_symmetry(checked)
+    mesh, found = search_symmetry(checked)
     size = " x ".join(f"{1000 * e:.1f}" for e in mesh.extents)
     say(
         f"mesh: {len(mesh.faces)} faces, {size} mm, {1e6 * mesh.volume:.2f} cm3"
@@ -70,21 +73,27 @@ def main(args: argparse.Namespace) -> int:
         say(line)
     degrees = _decided(args, found)
     if degrees != found.degrees:
-        say(f"symmetry taken as told: {_listed(degrees)}; off by {1000 * claimed(mesh, found, degrees):.2f} mm at most")
-    part = understand(args.name, args.material, checked, mesh, heap, found, degrees)
-    say(f"weighs {part.mesh.mass:.4g} kg in {args.material}; lies in {len(part.resting)} ways")
+        off = claimed(mesh, found, degrees)
+        doubt = "; the camera can tell: poses of such a part will be taken for right that are not"
+        say(
+            f"symmetry taken as told: {_listed(degrees)}; off by {1000 * off:.2f} mm at most"
+            + doubt * (off > found.tolerance)
+        )
+    part = understand(args.name, args.material, checked, mesh, found, degrees)
+    size = " x ".join(f"{1000 * e:.1f}" for e in part.mesh.extents)
+    ways = len(part.resting)
+    say(f"in its own frame {size} mm; weighs {part.mesh.mass:.4g} kg in {args.material}; lies in {ways} ways")
     say(
         f"collision pieces: {part.pieces.how}; the part sticks out of them by {1000 * part.pieces.outside:.1f} mm "
-        f"at most, they out of it by {1000 * part.pieces.beyond:.1f} mm"
+        f"at most, they out of it, closed holes included, by {1000 * part.pieces.beyond:.1f} mm"
     )
-    root.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=root, prefix=".onboard-") as draft:
         folder = Path(draft) / args.name
         write_workpiece(part, folder)
         with child_environment({FOLDERS: draft}):
             workpiece = load_workpiece(args.name)
-            held = find_grasps(workpiece, heap, say)
-            fields, reasons = scenario_fields(workpiece, held, heap)
+            held = find_grasps(workpiece, part.heap, say)
+            fields, reasons = scenario_fields(workpiece, held, part.heap)
             if held.gripper is not None:
                 comment = f"Proposed by `pickproof onboard` for {held.gripper.name}; schema: docs/grasping.md."
                 text = table_text(list(held.points), held.gripper.name, comment)
@@ -101,7 +110,7 @@ def main(args: argparse.Namespace) -> int:
             shutil.rmtree(target)
         folder.rename(target)
     console.print(f"wrote {target}; look at {target / PAGE}", soft_wrap=True)
-    where = f" --workpieces {root}"
+    where = f" --workpieces {shlex.quote(str(root))}"
     console.print(f"next: pickproof train {args.name} --minutes 30{where}", soft_wrap=True)
     if fields:
         console.print(f"      pickproof run {args.name} --oracle perception --episodes 2{where}", soft_wrap=True)
@@ -134,6 +143,16 @@ def _target(args: argparse.Namespace) -> tuple[Path, Path]:
     target = root / args.name
     if target.exists() and not args.replace:
         raise InputError("command line", "--name", str(target), "a name that is free there, or --replace")
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=root):
+            pass
+    except OSError as error:
+        raise InputError(
+            "command line", "--workpieces", str(root), f"a folder to write in ({error.strerror})"
+        ) from None
+    if (SHIPPED / args.name).is_dir():
+        print(f"{args.name}: this one will come before the shipped one, wherever {root} is searched", file=sys.stderr)
     return root, target
 
 

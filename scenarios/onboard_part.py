@@ -76,12 +76,11 @@ class Held:
     tried: tuple[str, ...]
 
 
-def search_symmetry(checked: Checked) -> tuple[trimesh.Trimesh, Heap, FoundSymmetry]:
-    """The mesh as it came, the heap that fits it, and its symmetry as the camera over that heap can tell."""
+def search_symmetry(checked: Checked) -> tuple[trimesh.Trimesh, FoundSymmetry]:
+    """The mesh as it came, and its symmetry as the camera over a heap of its size can tell."""
     mesh = as_trimesh(checked)
-    heap = propose_heap(np.asarray(mesh.extents))
-    tolerance = min(heap.tolerance, SMALL * float(mesh.extents.max()))
-    return mesh, heap, find_symmetry(mesh, tolerance)
+    tolerance = min(propose_heap(np.asarray(mesh.extents)).tolerance, SMALL * float(mesh.extents.max()))
+    return mesh, find_symmetry(mesh, tolerance)
 
 
 def understand(
@@ -89,11 +88,10 @@ def understand(
     material: str,
     checked: Checked,
     mesh: trimesh.Trimesh,
-    heap: Heap,
     found: FoundSymmetry,
     degrees: Degrees,
 ) -> Part:
-    """Move the mesh to the part's frame and find pieces and ways of lying."""
+    """Move the mesh to the part's frame, in which its sizes count, and find pieces, ways of lying and a heap."""
     mesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).apply_transform(found.T_part_cad)
     mesh.density = MATERIALS[material][0]
     symmetry = Symmetry(degrees)
@@ -106,7 +104,7 @@ def understand(
         degrees=degrees,
         pieces=decompose(mesh, symmetry.infinite_axis == 2),
         resting=tuple(resting_poses(mesh, symmetry)),
-        heap=heap,
+        heap=propose_heap(np.asarray(mesh.extents)),
     )
 
 
@@ -197,7 +195,8 @@ def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[
     fields, reasons = propose_cell(workpiece, held.gripper, heap)
     if fields:
         fields = {"name": workpiece.name, "workpiece": workpiece.name, "seed": 0, **fields}
-    return fields, {"bin and camera": heap.reason, "gripper": held.tried[0] if held.tried else "", **reasons}
+    why = next(said for said in held.tried if said.startswith(f"{held.gripper.name}: "))
+    return fields, {"bin and camera": heap.reason, "gripper": why, **reasons}
 
 
 def scenario_text(fields: dict[str, Any]) -> str:

@@ -101,11 +101,11 @@ def _judge(gripper: Gripper, workpiece: Workpiece, bin_depth: float) -> tuple[fl
             return 9.0, Choice(gripper, False, f"opens {1000 * gripper.max_opening:.0f} mm, the part is "
                                f"{1000 * thin:.0f} mm thick")  # fmt: skip
         if hold < need:
-            return 9.0, Choice(gripper, False, f"holds {hold:.0f} N by friction of {need:.0f} N needed")
+            return 9.0, Choice(gripper, False, f"holds {hold:.0f} N by friction of {need:.1f} N needed")
         short = bin_depth > gripper.finger_size[2]
         round_one = workpiece.symmetry.infinite_axis is not None
         rank = 1.0 * short + (0.5 if (gripper.groove is not None) != round_one else 0.0) + 0.1 * gripper.mass
-        reason = f"opens {1000 * gripper.max_opening:.0f} mm, holds {hold:.0f} N by friction of {need:.0f} N needed"
+        reason = f"opens {1000 * gripper.max_opening:.0f} mm, holds {hold:.0f} N by friction of {need:.1f} N needed"
         if short:
             fingers = 1000 * gripper.finger_size[2]
             reason += f"; its fingers of {fingers:.0f} mm are short for a bin {1000 * bin_depth:.0f} mm deep"

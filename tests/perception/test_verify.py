@@ -26,7 +26,8 @@ def heap():
 def test_true_poses_are_confirmed(heap):
     surface, shape, R, t = heap
     e = examine(R, t, surface, shape, RULES)
-    assert e.ratio.min() > 0.9 and e.violations.max() < 0.05
+    assert e.ratio.min() > RULES.min_ratio and e.violations.max() < 0.1  # how parts fall depends on the processor
+    assert np.median(e.ratio) > 0.95 and np.median(e.violations) < 0.01
     assert np.median(e.residual) * shape.unit < 2.5e-4
     assert np.median(e.facing) > 0.95
 

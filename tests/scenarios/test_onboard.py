@@ -83,11 +83,15 @@ def test_a_name_that_is_taken_is_refused(onboarded, capsys) -> None:
         (["--unit", "mm", "--name", "bar2", "--symmetry", "0", "0", "400"], ["--symmetry", "400"]),
         (["--unit", "mm", "--name", "bar2", "--symmetry", "0", "50", "70"], ["--symmetry", "finite rotation group"]),
         (["--unit", "furlong", "--name", "bar2"], ["--unit", "furlong"]),
+        (["--unit", "mm", "--name", "bar2", "--yes", "--workpieces", "{root}/bar.stl"], ["--workpieces", "bar.stl"]),
     ],
 )
 def test_bad_arguments_are_one_line(onboarded, words, names, capsys) -> None:
     root, _ = onboarded
-    assert main(["onboard", str(root / "bar.stl"), *words, "--workpieces", str(root)]) == 2
+    words = [word.format(root=root) for word in words]
+    if "--workpieces" not in words:
+        words += ["--workpieces", str(root)]
+    assert main(["onboard", str(root / "bar.stl"), *words]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and all(name in err for name in names)
     assert not (root / "bar2").exists()
@@ -95,7 +99,7 @@ def test_bad_arguments_are_one_line(onboarded, words, names, capsys) -> None:
 
 @pytest.mark.parametrize(("answer", "degrees"), [("", (0, 0, 120)), ("0 0 0", (0, 0, 0)), ("y", (0, 0, 120))])
 def test_the_user_decides(answer, degrees, monkeypatch) -> None:
-    _, _, found = search_symmetry(checked_frustum())
+    _, found = search_symmetry(checked_frustum())
     monkeypatch.setattr("builtins.input", lambda prompt: answer)
     args = onboard_args()
     assert onboard._decided(args, found) == degrees
@@ -107,7 +111,7 @@ def test_without_an_answer_it_asks_for_yes(monkeypatch) -> None:
 
     monkeypatch.setattr("builtins.input", closed)
     with pytest.raises(InputError, match="--yes"):
-        onboard._decided(onboard_args(), search_symmetry(checked_frustum())[2])
+        onboard._decided(onboard_args(), search_symmetry(checked_frustum())[1])
 
 
 def onboard_args():
@@ -126,8 +130,8 @@ def checked_frustum() -> Checked:
 def test_an_axis_of_odd_order_goes_through_the_origin(tmp_path, monkeypatch) -> None:
     """The centre of a triangle's bounding box is not on its axis; the loader takes the axis."""
     checked = checked_frustum()
-    mesh, heap, found = search_symmetry(checked)
-    part = understand("wedge", "pom", checked, mesh, heap, found, found.degrees)
+    mesh, found = search_symmetry(checked)
+    part = understand("wedge", "pom", checked, mesh, found, found.degrees)
     write_workpiece(part, tmp_path / "wedge")
     monkeypatch.setenv(FOLDERS, str(tmp_path))
     workpiece = load_workpiece("wedge")
@@ -166,3 +170,16 @@ def test_a_cell_is_proposed_for_shipped_parts(name) -> None:
     check_room(scenario, workpiece)
     check_payload(scenario, load_robot(scenario.robot), choice.gripper, workpiece)
     assert all(reasons.values())
+
+
+def test_the_heap_is_sized_by_the_part_and_not_by_how_its_cad_lies() -> None:
+    """A prism upright, and the same one slanted in its file: its bounding box there is half as large again."""
+    mesh = mesh_of(extruded(polygon(6, 14), 12))
+    heaps = []
+    for T in (np.eye(4), trimesh.transformations.euler_matrix(0.7, 0.4, 0.2)):
+        turned = mesh.copy().apply_transform(T)
+        checked = Checked(np.asarray(turned.vertices), np.asarray(turned.faces))
+        part = understand("nut", "steel", checked, *(found := search_symmetry(checked)), found[1].degrees)
+        heaps.append(part.heap)
+    assert heaps[0].count == heaps[1].count
+    np.testing.assert_allclose(heaps[0].bin_inner, heaps[1].bin_inner, rtol=0.01)

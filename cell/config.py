@@ -64,9 +64,6 @@ def parse_yaml(text: str, path: Path) -> dict[str, Any]:
     return data
 
 
-PYDANTICS = "Input should be "
-
-
 def parse(model: type[M], data: Any, file: str | Path) -> M:
     """Check `data` against `model`; the first violation becomes an InputError."""
     try:
@@ -82,7 +79,7 @@ def parse(model: type[M], data: Any, file: str | Path) -> M:
             raise InputError(file, field, parent, f"no such field; {valid}") from None
         if first["type"] == "missing":
             raise InputError(file, field, "nothing", "a value; the field has no default") from None
-        raise InputError(file, field, first["input"], first["msg"].removeprefix(PYDANTICS)) from None
+        raise InputError(file, field, first["input"], first["msg"].removeprefix("Input should be ")) from None
 
 
 def load(model: type[M], path: Path) -> M:

@@ -62,10 +62,8 @@ def decompose(mesh: trimesh.Trimesh, turned: bool) -> Pieces:
         parts, kind = _convex_parts(mesh)
         pieces, thick = _hulls(parts)
         boxes = sum(isinstance(piece, CollisionBox) for piece in pieces)
-        kinds = [f"{len(pieces) - boxes} {kind}"] * (len(pieces) > boxes) + [f"{boxes} boxes for thin ones"] * (
-            boxes > 0
-        )
-        how = " and ".join(kinds)
+        kinds = ((len(pieces) - boxes, kind), (boxes, "boxes for thin ones"))
+        how = " and ".join(f"{n} {what}" for n, what in kinds if n)
         how += f"; {thick} were thickened to {1000 * THINNEST:.1f} mm" if thick else ""
     outside, beyond = piece_errors(mesh, pieces)
     return Pieces(tuple(pieces), outside, beyond, how)

@@ -87,10 +87,10 @@ def select(
         errors: (k,) expected error of each pose in [m], held against the tolerance of each grasp point; None for none.
     """
     scene = thin(scene_points)
-    limit = np.inf if weights.max_overlap_mm2 is None else 1e-6 * weights.max_overlap_mm2
-    under = np.zeros(len(Ts_world_part))
-    if np.isfinite(limit):
+    hooked = np.zeros(len(Ts_world_part), dtype=bool)
+    if weights.max_overlap_mm2 is not None:
         under = overlaps(workpiece, Ts_world_part, np.asarray(scores) >= LIES)
+        hooked = under > 1e-6 * weights.max_overlap_mm2
     heights = Ts_world_part[:, 2, 3] if len(Ts_world_part) else np.zeros(0)
     low, span = heights.min(initial=np.inf), max(float(np.ptp(heights)) if len(heights) else 0.0, 0.01)
     grippers = {float(o): OpenGripper.of(gripper.boxes(float(o))) for o in np.unique(poses.openings)}
@@ -119,7 +119,7 @@ def select(
             terms["uncovered"] = np.full(len(poses.index), free)
             Ts, kept = T_world_part @ poses.Ts_part_tool, list[int]()
             verdicts[:] = Verdict.COVERED
-            if free >= weights.min_uncovered and under[k] <= limit:
+            if free >= weights.min_uncovered and not hooked[k]:
                 rank = weights.rank(terms)
                 kept = _with_room(Ts, rank, tolerances < error, poses, grippers, bin, others, verdicts)
             for i in kept:

@@ -101,9 +101,8 @@ def move(
         if set_back:
             arm.reset(cell.home)
     if not world.run_until_rest(REST_LIMIT):
-        world.unanchor(
-            np.flatnonzero(~world.at_rest()).tolist()
-        )  # this attempt's verdict stands; the next sees it still
+        # this attempt's verdict stands; the next sees them still
+        world.unanchor(np.flatnonzero(~world.at_rest()).tolist())
     after = cell.observe()
     return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back), robot_s
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import trimesh
 from rich.console import Console
 
 from cell.errors import InputError
@@ -64,9 +65,8 @@ def main(args: argparse.Namespace) -> int:
     say = _sayer(console)
     checked = read_checked(args.mesh, args.unit)
     mesh, found = search_symmetry(checked)
-    size = " x ".join(f"{1000 * e:.1f}" for e in mesh.extents)
     say(
-        f"mesh: {len(mesh.faces)} faces, {size} mm, {1e6 * mesh.volume:.2f} cm3"
+        f"mesh: {len(mesh.faces)} faces, {_millimetres(mesh)}, {1e6 * mesh.volume:.2f} cm3"
         + "".join(f"; {n}" for n in checked.notes)
     )
     for line in symmetry_lines(found):
@@ -74,15 +74,12 @@ def main(args: argparse.Namespace) -> int:
     degrees = _decided(args, found)
     if degrees != found.degrees:
         off = claimed(mesh, found, degrees)
-        doubt = "; the camera can tell: poses of such a part will be taken for right that are not"
-        say(
-            f"symmetry taken as told: {_listed(degrees)}; off by {1000 * off:.2f} mm at most"
-            + doubt * (off > found.tolerance)
-        )
+        say(f"symmetry taken as told: {_listed(degrees)}; off by {1000 * off:.2f} mm at most")
+        if off > found.tolerance:
+            say("the camera can tell that: poses will be taken for right that are not")
     part = understand(args.name, args.material, checked, mesh, found, degrees)
-    size = " x ".join(f"{1000 * e:.1f}" for e in part.mesh.extents)
-    ways = len(part.resting)
-    say(f"in its own frame {size} mm; weighs {part.mesh.mass:.4g} kg in {args.material}; lies in {ways} ways")
+    ways = f"lies in {len(part.resting)} ways"
+    say(f"in its own frame {_millimetres(part.mesh)}; weighs {part.mesh.mass:.4g} kg in {args.material}; {ways}")
     say(
         f"collision pieces: {part.pieces.how}; the part sticks out of them by {1000 * part.pieces.outside:.1f} mm "
         f"at most, they out of it, closed holes included, by {1000 * part.pieces.beyond:.1f} mm"
@@ -178,6 +175,10 @@ def _three(numbers: list[float], field: str) -> Degrees:
     if len(numbers) != 3 or not all(0 <= d < 360 for d in numbers):
         raise InputError("command line", field, numbers, "three angles from 0 to 360 degrees, 0 for none")
     return numbers[0], numbers[1], numbers[2]
+
+
+def _millimetres(mesh: trimesh.Trimesh) -> str:
+    return " x ".join(f"{1000 * e:.1f}" for e in mesh.extents) + " mm"
 
 
 def _listed(degrees: Degrees) -> str:

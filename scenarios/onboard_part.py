@@ -25,7 +25,7 @@ from cell.workpiece import Workpiece
 from grasping.grasp_points import GraspPoint
 from grasping.sample import propose
 from scenarios.grasp_check import in_order_of_use, tried
-from scenarios.onboard_propose import Choice, Heap, propose_cell, propose_heap, rank_grippers
+from scenarios.onboard_propose import Heap, propose_cell, propose_heap, rank_grippers
 
 MATERIALS: dict[str, tuple[float, float, bool]] = {
     "steel": (7850, 0.5, True),
@@ -69,9 +69,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Held:
-    """The gripper that was chosen and its grasps, none where nothing holds; and what was tried before, in words."""
+    """The gripper that was chosen, why, and its grasps, none where nothing holds; and all that was tried, in words."""
 
     gripper: Gripper | None
+    why: str
     points: tuple[GraspPoint, ...]
     tried: tuple[str, ...]
 
@@ -167,7 +168,7 @@ def write_workpiece(part: Part, folder: Path) -> None:
 def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) -> Held:
     """Grasps from the CAD that hold in the physics, by the most suitable gripper that has any."""
     begun, words = time.process_time(), []
-    best: tuple[Choice, list[GraspPoint]] | None = None
+    gripper, why, best = None, "", list[GraspPoint]()
     candidates = [c for c in rank_grippers(workpiece, heap.bin_inner[2]) if c.fits]
     for choice in candidates[:GRIPPERS]:
         proposed = in_order_of_use(
@@ -180,12 +181,12 @@ def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) ->
                 break
         words.append(f"{choice.gripper.name}: {choice.reason}; {len(proposed)} grasps proposed, {len(held)} hold")
         say(words[-1])
-        if held and (best is None or len(held) > len(best[1])):
-            best = choice, sorted(held, key=lambda p: -p.robustness)
+        if len(held) > len(best):
+            gripper, why, best = choice.gripper, words[-1], sorted(held, key=lambda p: -p.robustness)
         if len(held) >= BATCH or time.process_time() - begun > SECONDS:
             break
     words += [f"{c.gripper.name}: {c.reason}" for c in rank_grippers(workpiece, heap.bin_inner[2]) if not c.fits]
-    return Held(best[0].gripper, tuple(best[1]), tuple(words)) if best else Held(None, (), tuple(words))
+    return Held(gripper, why, tuple(best), tuple(words))
 
 
 def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[str, Any], dict[str, str]]:
@@ -195,8 +196,7 @@ def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[
     fields, reasons = propose_cell(workpiece, held.gripper, heap)
     if fields:
         fields = {"name": workpiece.name, "workpiece": workpiece.name, "seed": 0, **fields}
-    why = next(said for said in held.tried if said.startswith(f"{held.gripper.name}: "))
-    return fields, {"bin and camera": heap.reason, "gripper": why, **reasons}
+    return fields, {"bin and camera": heap.reason, "gripper": held.why, **reasons}
 
 
 def scenario_text(fields: dict[str, Any]) -> str:

@@ -116,8 +116,7 @@ def main(args: argparse.Namespace) -> int:
         return 130
     write_whole(plan.out / TABLE, changed_table(plan.table, plan.points, result.points, texts[plan.table]))
     write_whole(plan.out / SCENARIO, changed_scenario(source, result.fields, TABLE, texts[source]))
-    files = {"table": _digest(texts[plan.table]), "scenario": _digest(texts[source])}
-    write_json(plan.out / RESULT, document(result) | {"files": files})
+    write_json(plan.out / RESULT, document(result) | {"scenario_file": _digest(texts[source])})
     page = write_tune_report(plan, result, plan.out / REPORT)
     print_grasps(console, result)
     if result.comparison is None and not result.history[CELL]:
@@ -235,8 +234,7 @@ def _accept(args: argparse.Namespace) -> int:
     result, before = read_proposal(args.out / RESULT), read_proposal(args.out / STATE)
     if hashlib.sha256(table.read_bytes()).hexdigest() != before["table"]:
         raise InputError(table, "", "changed since the search, or another table", "the one that the search began with")
-    was = result.get("files", {}).get("scenario")
-    if result["fields"] and was is not None and _digest(source.read_text(encoding="utf-8")) != was:
+    if result["fields"] and _digest(source.read_text(encoding="utf-8")) != result.get("scenario_file"):
         raise InputError(source, "", "changed since the search, or another scenario", "the one that was searched")
     comparison = result["comparison"]
     if comparison is not None and comparison["verdict"] != "better":

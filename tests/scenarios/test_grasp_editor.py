@@ -118,12 +118,17 @@ def test_a_broken_file_is_shown_and_its_mending_noticed(table: Path) -> None:
         built.close()
 
 
-def test_a_file_mended_to_what_it_was_is_edited_on_and_the_complaint_goes(editor: GraspEditor, table: Path) -> None:
+def broken_while_edited(editor: GraspEditor, table: Path) -> tuple[str, str]:
+    """The file's text before another program broke it, and what is being edited in the page since."""
     whole = table.read_text()
     table.write_text("gripper: [")
     soon(lambda: "syntax error stands there). Mend it" in shown(editor))
     editor.act("on / off")
-    mine = editor.document.text
+    return whole, editor.document.text
+
+
+def test_a_file_mended_to_what_it_was_is_edited_on_and_the_complaint_goes(editor: GraspEditor, table: Path) -> None:
+    whole, mine = broken_while_edited(editor, table)
     table.write_text(whole)
     soon(lambda: "can be read again" in shown(editor))
     assert "cannot be edited" not in shown(editor) and editor.document.text == mine
@@ -133,11 +138,7 @@ def test_a_file_mended_to_what_it_was_is_edited_on_and_the_complaint_goes(editor
 
 def test_a_file_mended_to_something_else_asks_what_is_to_stay(editor: GraspEditor, table: Path) -> None:
     """It was read again, and what was being edited was gone from the page."""
-    whole = table.read_text()
-    table.write_text("gripper: [")
-    soon(lambda: "cannot be edited" in shown(editor))
-    editor.act("on / off")
-    mine = editor.document.text
+    whole, mine = broken_while_edited(editor, table)
     table.write_text(whole.replace("width: 0.012", "width: 0.0125"))
     soon(lambda: "0.0125" in shown(editor) and editor._panel._conflict.visible)
     assert editor.document.text == mine and "cannot be edited" not in shown(editor)

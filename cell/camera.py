@@ -19,6 +19,7 @@ import trimesh
 from cell.bin import Box
 from cell.errors import InputError
 from cell.frames import Array, apply, make_transform
+from cell.ray_hits import facing
 from cell.raycast import RayCaster, make_caster
 
 DEPTH_SCHEMA = 1
@@ -186,13 +187,13 @@ def render(
     caster = make_caster(vertices, faces, threads)
     shape = (intrinsics.height, intrinsics.width)
     R, eye = T_world_camera[:3, :3], T_world_camera[:3, 3]
-    directions = intrinsics.rays().reshape(-1, 3) @ R.T
+    directions = np.ascontiguousarray(intrinsics.rays().reshape(-1, 3) @ R.T)
     hits = caster.cast(eye, directions)
     missed = hits.face < 0
     depth = np.where(missed, 0.0, hits.t)  # directions have z = 1 in the camera, so t is the depth
     ids = np.where(missed, -1, hits.face // max(len(part_faces), 1))
     ids[ids >= len(Ts_world_part)] = -1
-    normals, cos_view = _facing(vertices, faces, hits.face, directions)
+    normals, cos_view = facing(vertices, faces, hits.face, directions)
     points = eye + directions * depth[:, None]
     lit = ~missed
     if projector_offset is not None:
@@ -222,16 +223,6 @@ def _scene(vertices: Array, faces: np.ndarray, Ts: Array, boxes: Sequence[Box]) 
         all_faces.append(solid.faces + start)
         start += len(solid.vertices)
     return np.concatenate(all_vertices), np.concatenate(all_faces)
-
-
-def _facing(vertices: Array, faces: np.ndarray, face: np.ndarray, directions: Array) -> tuple[Array, Array]:
-    """World normals (n, 3) of the faces that rays hit, turned against the rays, and the cosine of incidence (n,)."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    of_face = np.cross(b - a, c - a)
-    of_face /= np.maximum(np.linalg.norm(of_face, axis=1, keepdims=True), 1e-30)
-    normals = np.concatenate([of_face, np.zeros((1, 3))])[face]  # the last row is for face -1
-    along = np.einsum("ij,ij->i", normals, directions)
-    return normals * -np.sign(along)[:, None], np.abs(along) / np.linalg.norm(directions, axis=1)
 
 
 def _reflect(caster: RayCaster, points: Array, directions: Array, normals: Array, chosen: np.ndarray) -> Array:

@@ -1,6 +1,7 @@
 """First hits of rays with a triangle mesh by Embree: through Open3D where it can be imported, else through embreex.
 
-Training thus runs on a machine that has no Open3D.
+Training thus runs on a machine that has no Open3D. Embree says which triangle is hit; the distance is that of
+`cell/ray_hits.py`, the same on every processor.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from cell.frames import Array
+from cell.ray_hits import as_rays, exact_hits
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,26 @@ class RayCaster(Protocol):
         ...
 
 
-class Open3dCaster:
+class _Caster:
+    """Hits of the triangles that Embree found."""
+
+    def __init__(self, vertices: Array, faces: np.ndarray) -> None:
+        self._vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+        self._faces = np.ascontiguousarray(faces, dtype=np.int64)
+
+    def cast(self, origins: Array, directions: Array) -> Hits:
+        rays = as_rays(origins, directions)
+        return Hits(*exact_hits(self._vertices, self._faces, *rays, self._found(*rays)))
+
+    def _found(self, origins: Array, directions: Array) -> np.ndarray:
+        raise AssertionError("each caster has its own")
+
+
+class Open3dCaster(_Caster):
     """Embree through Open3D, which can use several threads."""
 
     def __init__(self, vertices: Array, faces: np.ndarray, threads: int = 1) -> None:
+        super().__init__(vertices, faces)
         from cell._open3d import load_open3d
 
         self._o3d = load_open3d()
@@ -45,30 +63,28 @@ class Open3dCaster:
         self._scene = self._o3d.t.geometry.RaycastingScene(nthreads=threads)
         self._scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
 
-    def cast(self, origins: Array, directions: Array) -> Hits:
+    def _found(self, origins: Array, directions: Array) -> np.ndarray:
         rays = np.empty((len(directions), 6), dtype=np.float32)
         rays[:, :3], rays[:, 3:] = origins, directions
         hit = self._scene.cast_rays(self._o3d.core.Tensor(rays), nthreads=self._threads)
-        t = hit["t_hit"].numpy().astype(np.float64)
-        return Hits(t, np.where(np.isfinite(t), hit["primitive_ids"].numpy().astype(np.int64), -1))
+        return np.where(np.isfinite(hit["t_hit"].numpy()), hit["primitive_ids"].numpy().astype(np.int64), -1)
 
 
-class EmbreexCaster:
+class EmbreexCaster(_Caster):
     """Embree through embreex, on one thread."""
 
     def __init__(self, vertices: Array, faces: np.ndarray) -> None:
+        super().__init__(vertices, faces)
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
         self._scene = EmbreeScene()
         self._mesh = TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
 
-    def cast(self, origins: Array, directions: Array) -> Hits:
+    def _found(self, origins: Array, directions: Array) -> np.ndarray:
         directions = np.ascontiguousarray(directions, dtype=np.float32)
         origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape), dtype=np.float32)
-        hit = self._scene.run(origins, directions, output=True)
-        face = hit["primID"].astype(np.int64)
-        return Hits(np.where(face >= 0, hit["tfar"].astype(np.float64), np.inf), face)
+        return np.asarray(self._scene.run(origins, directions, output=True)["primID"].astype(np.int64))
 
 
 def make_caster(vertices: Array, faces: np.ndarray, threads: int = 1) -> RayCaster:

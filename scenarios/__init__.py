@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import cell  # noqa: F401  fixes the numeric profile before numpy is loaded
+
 if TYPE_CHECKING:
     from scenarios.results import Campaign
 

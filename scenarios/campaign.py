@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cell.errors import InputError
+from cell.numerics import check_processor
 from scenarios.inputs import changed, input_hashes, inputs_hash, versions
 from scenarios.job import Job, Runner
 from scenarios.pool import STALL_S, Event, Failure, Kind, Pool, Task
@@ -65,10 +66,11 @@ def run_campaign(
 
     Raises:
         InputError: `out` holds results and `resume` is off, or they are of another campaign; or there is no such
-            cluster.
+            cluster; or this processor lacks what the numeric profile needs.
         StoreError: the results cannot be written any more; what was committed can be resumed.
         KeyboardInterrupt: Ctrl-C or SIGTERM; what had ended is committed.
     """
+    check_processor()
     inputs = input_hashes(scenario, oracle)
     identity = {
         "scenario_hash": scenario_hash(scenario),

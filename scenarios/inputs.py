@@ -16,6 +16,7 @@ from typing import Any
 
 from cell.config import read_yaml
 from cell.gripper import gripper_path
+from cell.numerics import profile
 from cell.workpiece import search_path
 from scenarios.scenario import Scenario
 
@@ -23,7 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("cell", "perception", "grasping", "robots", "scenarios")
 PACKAGES = (
     "pickproof", "numpy", "scipy", "pybullet", "torch", "open3d", "embreex", "trimesh", "pin", "coal", "ompl", "ruckig",
-    "py-opw-kinematics",
+    "py-opw-kinematics", "numba", "llvmlite", "opencv-contrib-python-headless", "manifold3d",
 )  # fmt: skip
 
 
@@ -61,8 +62,11 @@ def inputs_hash(hashes: Mapping[str, str]) -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the software that decides the results; `code` is a hash of pickproof's own source."""
-    found = {"python": python_version()}
+    """Versions of the software that decides the results; `code` is a hash of pickproof's own source.
+
+    `numerics` is the numeric profile of the processes that run the episodes.
+    """
+    found = {"python": python_version(), "numerics": profile()}
     for package in PACKAGES:
         try:
             found[package] = version(package)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 from cell.errors import PickproofError, SimulationError
+from cell.numerics import has_profile
 from scenarios.job import Job, Runner
 from scenarios.records import AttemptRecord, EpisodeRecord
 
@@ -92,6 +93,7 @@ class Pool(Protocol):
 def run_one(task: Task, seed: int, send: Callable[[Message], None]) -> None:
     """Run an episode and send what happens; the last message is its end, a `Failure`, or an error."""
     try:
+        _check_profile(task)
         episode = task.runner(task.job(seed), lambda a: send(Event(a.seed, attempt=a)))
         send(Event(seed, episode=episode))
     except SimulationError as error:  # the same again for the same seed: no second try
@@ -100,6 +102,12 @@ def run_one(task: Task, seed: int, send: Callable[[Message], None]) -> None:
         send(PickproofError(str(error)))  # its own class may not travel
     except Exception as error:  # noqa: BLE001  handed to the driver, which raises it
         send("".join(traceback.format_exception(error)))
+
+
+def _check_profile(task: Task) -> None:
+    wanted = task.identity["versions"]["numerics"]
+    if not has_profile(wanted):
+        raise PickproofError(f"a worker does not compute by the numeric profile {wanted} of this campaign")
 
 
 def checked(message: Message, seed: int) -> Event | Failure:

@@ -20,8 +20,10 @@ from cell.mesh_error import MeshError
 
 PART = (0.003, 2.0)
 """[m] longest side of parts that lie in bins."""
-UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "um": 1e-6}
 """[m] of the units in which CAD is exported, likeliest first."""
+RARE = 2.3
+"""A unit that few use is named where the others are off by this in the logarithm of length."""
 WELD = 1e-6
 """Vertices within this share of the longest side are one."""
 GAP = 1e-4
@@ -90,10 +92,14 @@ def check_size(longest: float, unit: str) -> None:
     low, high = PART
     if low <= longest * UNITS[unit] <= high:
         return
-    likely = [name for name, scale in UNITS.items() if low <= longest * scale <= high]
-    valid = f"a part of {1000 * low:g} mm to {high:g} m"
-    if likely:
-        valid += f"; as --unit {likely[0]} it would be {_length(longest * UNITS[likely[0]])} long"
+
+    def off(name: str) -> float:
+        length = longest * UNITS[name]
+        return max(np.log(low / length), np.log(length / high), 0.0) + (RARE if name == "um" else 0.0)
+
+    valid, likely = f"a part of {1000 * low:g} mm to {high:g} m", min(UNITS, key=off)
+    if likely != unit:
+        valid += f"; as --unit {likely} it would be {_length(longest * UNITS[likely])} long"
     raise MeshError(f"{_length(longest * UNITS[unit])} long (--unit {unit})", valid)
 
 
@@ -215,6 +221,8 @@ def _wind(mesh: Checked) -> None:
         raise MeshError(f"{pieces} pieces of surface that do not hang together", NORMALS)
     for start in np.unique(label, return_index=True)[1]:
         visited, before = breadth_first_order(graph, start, directed=False)
+        if len(visited) == 1:  # scipy returns another type for no places
+            continue
         parity = np.asarray(graph[before[visited[1:]], visited[1:]]).ravel() > 1.5
         for i, flips in zip(visited[1:], parity, strict=True):
             turned[i] = turned[before[i]] ^ flips

@@ -10,20 +10,15 @@ import multiprocessing
 import os
 import resource
 import signal
-from io import BytesIO
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import trimesh
 
 from cell.errors import InputError
-from cell.frames import Array
 from cell.mesh_check import Checked, check_mesh
 from cell.mesh_error import MeshError
+from cell.mesh_file import READERS, kind_of, read_mesh
 
-FORMATS = ("stl", "obj", "ply", "glb", "step", "stp")
+FORMATS = tuple(READERS)
 MEMORY = 2 * 2**30
 """[byte] of addresses that the reader may use."""
 SECONDS = 60
@@ -38,18 +33,10 @@ def read_checked(path: Path, unit: str) -> Checked:
     Raises:
         InputError: no such file, another kind of file, or a mesh that cannot be made one closed solid.
     """
-    kind = path.suffix.lower().removeprefix(".")
-    if not path.is_file():
-        raise InputError(path, "", "a folder" if path.is_dir() else "missing file", READABLE)
-    if kind not in FORMATS:
-        raise InputError(path, "", path.suffix or path.name, f"{READABLE}; archives are to be unpacked")
-    if kind in ("step", "stp"):
-        _check_step_reader(path)
-    if path.stat().st_size > MEMORY // 4:
-        raise InputError(path, "", f"{path.stat().st_size / 2**20:.0f} MiB", f"at most {MEMORY // 2**22} MiB")
+    _check_path(path)
     context = multiprocessing.get_context("spawn")
     mine, theirs = context.Pipe(duplex=False)
-    reader = context.Process(target=_read, args=(theirs, str(path), kind, unit), daemon=True)
+    reader = context.Process(target=_read, args=(theirs, path, unit), daemon=True)
     reader.start()
     theirs.close()
     slow = MeshError(f"not read after {SECONDS} s", "a smaller mesh")
@@ -68,6 +55,31 @@ def read_checked(path: Path, unit: str) -> Checked:
     return Checked(*answer)
 
 
+def read_checked_here(path: Path, unit: str) -> Checked:
+    """The same as `read_checked` in this process, without its limits of memory and time.
+
+    Raises:
+        InputError: as there.
+    """
+    _check_path(path)
+    try:
+        return _understood(path, unit)
+    except MeshError as error:
+        raise InputError(path, "", error.found, error.valid) from None
+
+
+def _check_path(path: Path) -> None:
+    kind = kind_of(path)
+    if not path.is_file():
+        raise InputError(path, "", "a folder" if path.is_dir() else "missing file", READABLE)
+    if kind not in FORMATS:
+        raise InputError(path, "", path.suffix or path.name, f"{READABLE}; archives are to be unpacked")
+    if kind in ("step", "stp"):
+        _check_step_reader(path)
+    if path.stat().st_size > MEMORY // 4:
+        raise InputError(path, "", f"{path.stat().st_size / 2**20:.0f} MiB", f"at most {MEMORY // 2**22} MiB")
+
+
 def _check_step_reader(path: Path) -> None:
     try:
         import cascadio  # noqa: F401
@@ -76,7 +88,16 @@ def _check_step_reader(path: Path) -> None:
         raise InputError(path, "", path.suffix, valid) from None
 
 
-def _read(out: Connection, path: str, kind: str, unit: str) -> None:
+def _understood(path: Path, unit: str) -> Checked:
+    raw = read_mesh(path)
+    if kind_of(path) in ("step", "stp"):
+        unit = "m"  # such a file tells its own, and its reader converts
+    checked = check_mesh(raw.vertices, raw.faces, unit)
+    checked.notes[:0] = raw.notes
+    return checked
+
+
+def _read(out: Connection, path: Path, unit: str) -> None:
     """In the process that may be lost: send (vertices, faces, notes), or a MeshError."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
@@ -84,26 +105,11 @@ def _read(out: Connection, path: str, kind: str, unit: str) -> None:
         os.dup2(nothing.fileno(), 2)
         os.dup2(nothing.fileno(), 1)
     try:
-        if kind in ("step", "stp"):
-            unit = "m"  # such a file tells its own, and its reader converts
-        checked = check_mesh(*_load(path, kind), unit)
+        checked = _understood(path, unit)
         out.send((checked.vertices, checked.faces, checked.notes))
     except MeshError as error:
         out.send(error)
     except MemoryError:
         out.send(MeshError(f"a file that unfolds to more than {MEMORY / 2**30:.0f} GiB", "a smaller mesh"))
-    except Exception as error:  # noqa: BLE001  readers raise whatever their parsers raise
+    except Exception as error:  # noqa: BLE001  a fault of ours must not become a traceback of the user's
         out.send(MeshError(" ".join(str(error).split())[:80] or type(error).__name__, READABLE))
-
-
-def _load(path: str, kind: str) -> tuple[Array, np.ndarray]:
-    """Vertices (n, 3) as they stand in the file, faces (m, 3); nothing but this file is read."""
-    data = BytesIO(Path(path).read_bytes())
-    if kind in ("step", "stp"):
-        scene: Any = trimesh.load(data, file_type="step", force="scene")
-    else:
-        scene = trimesh.load(data, file_type=kind, force="scene", process=False, skip_materials=True)
-    mesh = scene.to_mesh() if len(scene.geometry) else None
-    if not isinstance(mesh, trimesh.Trimesh):
-        raise MeshError("no faces", "a mesh with faces")
-    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)

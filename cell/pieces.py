@@ -18,6 +18,8 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from cell.config import Config
 from cell.errors import InputError
 from cell.frames import Array, about_axis, from_rpy, make_transform
+from cell.mesh_error import MeshError
+from cell.mesh_obj import scan_obj
 
 HULL_MARGIN = 0.001
 """[m] margin that Bullet keeps around a convex hull."""
@@ -186,17 +188,12 @@ def read_hulls(yaml_path: Path, path: Path, scale: float) -> tuple[CollisionHull
     def bad(value: object, valid: str) -> InputError:
         return InputError(yaml_path, "collision_hulls", value, valid)
 
-    objects: list[list[list[float]]] = []
     try:
-        for line in path.read_text(encoding="utf-8").splitlines():
-            word, *rest = line.split() or [""]
-            if word == "o" or (word == "v" and not objects):
-                objects.append([])
-            if word == "v":
-                objects[-1].append([float(x) for x in rest[:3]])
-        clouds = [np.asarray(vertices).reshape(-1, 3) * scale for vertices in objects if vertices]
-    except (OSError, ValueError) as error:
-        raise bad(f"{path} ({error})", "a readable OBJ file") from None
+        found = scan_obj(path.read_bytes())
+    except (OSError, MeshError) as error:
+        said = error.found if isinstance(error, MeshError) else error
+        raise bad(f"{path} ({said})", "a readable OBJ file") from None
+    clouds = [cloud * scale for cloud in np.split(found.vertices, found.objects) if len(cloud)]
     if not clouds:
         raise bad(str(path), "an OBJ file with vertices")
     hulls = []

@@ -17,6 +17,9 @@ from pydantic import Field
 from cell.config import Config, load
 from cell.errors import InputError
 from cell.frames import Array
+from cell.mesh_bodies import check_crossing
+from cell.mesh_error import MeshError
+from cell.mesh_file import kind_of, read_mesh
 from cell.optics import Optics
 from cell.pieces import (
     CollisionBox,
@@ -34,6 +37,10 @@ from cell.symmetry import Symmetry
 
 SHIPPED = Path(__file__).resolve().parent.parent / "scenarios" / "workpieces"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+SIZES = (1e-3, 5.0)
+"""[m] longest side of a part."""
+MESHES = ("stl", "obj", "ply", "glb")
+READABLE = "a readable STL, OBJ, PLY or GLB file"
 UNIT_GIRTHS = 1.4
 
 
@@ -187,9 +194,7 @@ def _load(folder: Path) -> Workpiece:
     config = load(WorkpieceConfig, path)
     mesh = _read_mesh(path, folder / config.mesh)
     mesh.apply_scale(UNITS[config.mesh_unit])
-    if not 1e-3 < mesh.extents.max() < 5.0:
-        size = " x ".join(f"{e:.4g}" for e in mesh.extents)
-        raise InputError(path, "mesh_unit", f"{config.mesh_unit} (part of {size} m)", "a part of 1 mm to 5 m")
+    _check_size(path, config.mesh_unit, mesh.extents)
     mesh.density = config.density
     vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     vertices.flags.writeable = faces.flags.writeable = False
@@ -221,6 +226,20 @@ def _load(folder: Path) -> Workpiece:
         magnetic=config.magnetic,
         rolling_friction=config.rolling_friction,
     )
+
+
+def _check_size(path: Path, unit: str, extents: Array) -> None:
+    """The longest side is one that a part can have; where it is not, the unit that is likely meant is named."""
+    longest = float(extents.max())
+    if SIZES[0] < longest < SIZES[1]:
+        return
+    size, valid = " x ".join(f"{e:.4g}" for e in extents), f"a part of {1000 * SIZES[0]:g} mm to {SIZES[1]:g} m"
+    for other in ("mm", "cm", "m"):
+        meant = longest * UNITS[other] / UNITS[unit]
+        if SIZES[0] < meant < SIZES[1]:
+            valid += f"; in {other} it would be {1000 * meant:.4g} mm long"
+            break
+    raise InputError(path, "mesh_unit", f"{unit} (part of {size} m)", valid)
 
 
 def _check_origin(path: Path, mesh: trimesh.Trimesh, symmetry: Symmetry) -> None:
@@ -255,13 +274,21 @@ def _check_pieces(path: Path, config: WorkpieceConfig, hulls: tuple[CollisionHul
 
 def _read_mesh(yaml_path: Path, path: Path) -> trimesh.Trimesh:
     if not path.is_file():
-        raise InputError(yaml_path, "mesh", str(path), "an existing STL, OBJ or PLY file")
+        raise InputError(yaml_path, "mesh", str(path), "an existing STL, OBJ, PLY or GLB file")
+    if kind_of(path) not in MESHES:
+        raise InputError(yaml_path, "mesh", str(path), f"{READABLE}; `pickproof onboard` takes STEP")
     try:
-        mesh = trimesh.load(path, force="mesh")
-    except Exception as error:  # noqa: BLE001  trimesh's readers raise whatever their parsers raise
-        raise InputError(yaml_path, "mesh", f"{path} ({error})", "a readable STL, OBJ or PLY file") from None
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
+        raw = read_mesh(path)
+    except MeshError as error:
+        raise InputError(yaml_path, "mesh", f"{path.name}: {error.found}", error.valid) from None
+    mesh = trimesh.Trimesh(raw.vertices, raw.faces)
+    if len(mesh.faces) == 0 or not np.isfinite(raw.vertices).all():
         raise InputError(yaml_path, "mesh", str(path), "a mesh with faces and finite vertices")
     if not mesh.is_watertight or mesh.volume <= 0:
         raise InputError(yaml_path, "mesh", str(path), "a watertight mesh with outward normals (mass comes from it)")
+    if mesh.body_count > 1:  # where solids overlap, mass would count twice
+        try:
+            check_crossing(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        except MeshError as error:
+            raise InputError(yaml_path, "mesh", f"{path.name}: {error.found}", error.valid) from None
     return mesh

@@ -16,7 +16,7 @@ from grasping.clearance import OpenGripper, covered_share, thin, without_workpie
 from grasping.grasp_points import GraspPoint, GraspPoses
 from grasping.overlap import LIES, overlaps
 from grasping.ranking import GraspingConfig, robustness
-from grasping.verdict import Verdict
+from grasping.verdict import VERDICTS, Verdict
 
 NEAR = 0.06  # [m] from a workpiece within which the heap can be in the gripper's way
 ROOMY = 0.006  # [m] between the gripper and its neighbours beyond which more is no better
@@ -109,7 +109,7 @@ def select(
         stop = Verdict.AVOIDED if avoided[k] else Verdict.OUTRANKED
         if scores[k] < weights.min_score:
             stop = Verdict.SCORE
-        verdicts = np.full(len(poses.index), stop, dtype="<U12")
+        verdicts = np.full(len(poses.index), stop, dtype=VERDICTS)
         if stop == Verdict.OUTRANKED and not enough:
             error = 0.0 if errors is None else float(errors[k])
             near = np.linalg.norm(scene - T_world_part[:3, 3], axis=1) < reach

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+import numpy as np
+
 CHOSEN = "chosen"
 
 
@@ -29,6 +31,8 @@ class Verdict(StrEnum):
     OUTRANKED = "outranked"
 
 
+VERDICTS = np.dtype(f"<U{max(map(len, Verdict))}")
+"""Of arrays that hold verdicts, or the empty string: numpy cuts longer text without a word."""
 MEANING = {
     Verdict.DISABLED: "the grasp point is switched off, or made for another gripper",
     Verdict.SCORE: "the estimate's score is too low",

@@ -8,12 +8,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import trimesh
 
 from cell.bin import Bin
 from cell.camera import DepthFrame, Intrinsics, render
 from cell.errors import InputError
 from cell.frames import Array, invert, make_transform
+from cell.mesh_error import MeshError
+from cell.mesh_file import read_mesh
 from cell.workpiece import Workpiece
 from perception.bop_format import (
     CAMERA,
@@ -184,9 +185,11 @@ def _model(folder: Path, obj: int | None, workpiece: Workpiece) -> tuple[int, Ar
     path = folder / "models" / f"obj_{obj:06d}.ply"
     if path.is_file():
         try:
-            low, high = trimesh.load(path, force="mesh").bounds / MM
-        except Exception as error:  # noqa: BLE001  trimesh's readers raise whatever their parsers raise
-            raise InputError(path, "", str(error), "a readable PLY file") from None
+            model = read_mesh(path)
+        except MeshError as error:
+            raise InputError(path, "", error.found, error.valid) from None
+        used = model.vertices[np.unique(model.faces)] / MM
+        low, high = used.min(axis=0), used.max(axis=0)
     else:
         info = infos[str(obj)]
         low = np.array([info[f"min_{axis}"] for axis in "xyz"]) / MM

@@ -88,6 +88,26 @@ def test_a_mesh_that_is_no_mesh_is_refused(folder: Path) -> None:
     assert caught.value.field == "mesh"
 
 
+def test_a_mesh_cut_short_is_refused_with_its_counts(folder: Path) -> None:
+    path = write_block(folder)
+    mesh = path.parent / "block.stl"
+    mesh.write_bytes(mesh.read_bytes()[:-200])
+    with pytest.raises(InputError, match=r"mesh: 'block\.stl: 8 of 12 declared triangles: the file was cut short'"):
+        load_workpiece("block")
+
+
+def test_bodies_that_overlap_are_refused(folder: Path) -> None:
+    """Their volumes would be added, and mass with them."""
+    bodies = [trimesh.creation.box(extents=extents) for extents in ((0.04, 0.03, 0.02), (0.02, 0.02, 0.01))]
+    assert "passes through itself" in str(refused(folder, mesh=trimesh.util.concatenate(bodies)).value)
+
+
+def test_a_size_that_no_part_has_names_the_unit(folder: Path) -> None:
+    mesh = trimesh.creation.box(extents=(40.0, 30.0, 20.0))
+    error = refused(folder, mesh=mesh, mesh_unit="m")
+    assert error.field == "mesh_unit" and "in mm it would be 40 mm long" in error.valid
+
+
 @pytest.mark.parametrize(
     ("field", "changes"),
     [

@@ -15,6 +15,7 @@ from grasping.clearance import OpenGripper, without_workpiece
 from grasping.grasp_points import MAX_TILT_DEG, GraspPoses, Turn, expand
 from grasping.overlap import LIES
 from grasping.ranking import GraspingConfig, robustness
+from grasping.verdict import VERDICTS, Verdict
 
 NOTHING = np.zeros((0, 3))
 
@@ -62,6 +63,11 @@ def heap(choose: Chooser, n: int, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     t = rng.uniform([-0.11, -0.08, 0.01], [0.11, 0.08, 0.05], (n, 3))
     return choose.source.T_world_bin @ make_transform(random_rotations(n, rng), t)
+
+
+def test_no_verdict_is_cut(choose: Chooser) -> None:
+    assert np.array(list(Verdict), dtype=VERDICTS).tolist() == [str(v) for v in Verdict]
+    assert choose(choose.lying()[None]).verdicts[0].dtype == VERDICTS
 
 
 def test_a_part_alone_in_the_middle_can_be_gripped(choose: Chooser) -> None:

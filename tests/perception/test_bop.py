@@ -275,6 +275,13 @@ def test_damaged_files_are_named(copy: Path, file: str, content: str | None, nam
             image.ids(image.frame(), bracket())
 
 
+def test_a_model_cut_short_is_refused_with_its_counts(copy: Path) -> None:
+    path = copy / "models/obj_000001.ply"
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(InputError, match=r"obj_000001\.ply: '\d+ of \d+ declared faces: the file was cut short'"):
+        read_bop(copy, None, None, bracket())
+
+
 def test_inverse_of_a_pose_is_the_way_back(dataset: Path) -> None:
     """cam_R_w2c, cam_t_w2c takes the world to the camera, in mm."""
     entry = json.loads((dataset / "train/000000/scene_camera.json").read_text())["0"]

@@ -97,6 +97,16 @@ def test_bad_arguments_are_one_line(onboarded, words, names, capsys) -> None:
     assert not (root / "bar2").exists()
 
 
+def test_a_mesh_cut_short_is_one_line(tmp_path, capsys) -> None:
+    path = tmp_path / "bar.stl"
+    path.write_bytes(trimesh.creation.box((50, 24, 14)).export(file_type="stl")[:-200])
+    assert main(["onboard", str(path), "--unit", "mm", "--name", "bar", "--workpieces", str(tmp_path)]) == 2
+    err = capsys.readouterr().err
+    assert (
+        err.count("\n") == 1 and "bar.stl" in err and "8 of 12 declared triangles" in err and "export it again" in err
+    )
+
+
 @pytest.mark.parametrize(("answer", "degrees"), [("", (0, 0, 120)), ("0 0 0", (0, 0, 0)), ("y", (0, 0, 120))])
 def test_the_user_decides(answer, degrees, monkeypatch) -> None:
     _, found = search_symmetry(checked_frustum())

@@ -1,5 +1,6 @@
 # Two commands: `make pick` runs the main job, `make test` passes the checks. Both make .venv when it is missing.
-PYTHON ?= python3
+# Python 3.11 where there is one: PyBullet has no wheels for newer ones
+PYTHON ?= $(shell for p in python3.11 python3; do $$p -c "" 2>/dev/null && echo $$p && break; done || true)
 # more options for pip, as an index of CPU builds of torch; CONTRIBUTING.md says when
 PIP_ARGS ?=
 STAMP := .venv/.stamp
@@ -8,11 +9,8 @@ STAMP := .venv/.stamp
 
 setup: $(STAMP)
 
-# torch goes first and alone, so that its build is settled before anything that asks for torch is resolved
 $(STAMP): pyproject.toml constraints.txt
-	$(PYTHON) -m venv .venv
-	.venv/bin/python -m pip install --quiet -c constraints.txt $(PIP_ARGS) torch
-	.venv/bin/python -m pip install --quiet -c constraints.txt $(PIP_ARGS) -e '.[dev]'
+	.ci/setup .venv "$(or $(PYTHON),python3)" $(PIP_ARGS)
 	touch $@
 
 pick: $(STAMP)

@@ -77,13 +77,7 @@ class Results:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof benchmark`."""
-    parser.add_argument(
-        "subject",
-        choices=("perception",),
-        metavar="perception",
-        help="what is compared; `motion` and `gate` have a help of their own",
-    )
+    """Arguments of `pickproof benchmark perception`."""
     parser.add_argument("workpieces", nargs="*", metavar="WORKPIECE", help="default: all")
     parser.add_argument("--frames", type=int, default=50, help="held-out heaps of each workpiece (default 50)")
     parser.add_argument("--ppf-frames", type=int, help="fewer of them for PPF (default: --frames)")

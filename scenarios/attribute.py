@@ -16,6 +16,7 @@ from rich.console import Console
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
 from scenarios.attribution import MODES, Attribution, attribute, plot_attribution, print_attribution, verdict_line
+from scenarios.broken import check_ran
 from scenarios.files import write_json
 from scenarios.job import Runner
 from scenarios.paired import outcomes
@@ -108,6 +109,8 @@ def main(args: argparse.Namespace) -> int:
     console, command = Console(stderr=args.json), f"pickproof {shlex.join(args.words)}"
     say = lambda text: console.print(text, highlight=False)  # noqa: E731
     result = run_modes(scenario, args.episodes, args.workers, out, run_episode, command, say)
+    for mode in MODES:
+        check_ran(out / folder_of(mode))
     if args.json:
         print(json.dumps(as_document(result, command), indent=2))
     else:

@@ -15,6 +15,7 @@ from pydantic import Field, field_validator
 from cell.config import Config, parse
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_change_arguments, integer
+from scenarios.broken import check_ran
 from scenarios.campaign import Event, run_campaign
 from scenarios.files import write_whole
 from scenarios.job import Runner
@@ -221,4 +222,5 @@ def _run(args: argparse.Namespace) -> Baseline:
     how = Execution(out, run_episode, args.workers, oracle, args.resume, f"pickproof {shlex.join(args.words)}")
     seed = scenario.seed if args.seed is None else args.seed
     how.run(scenario, "success" if args.whole else "first_attempt", seed, args.episodes)
+    check_ran(out)
     return baseline_of(out)

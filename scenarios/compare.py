@@ -246,8 +246,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """`pickproof compare A B`."""
     comparison = compare(args.a, args.b)
-    print_comparison(Console(), comparison, args.a, args.b)
     if args.json:
         document: dict[str, Any] = {"a": str(args.a), "b": str(args.b), **asdict(comparison)}
         write_json(args.json, document)
+    print_comparison(Console(), comparison, args.a, args.b)
     return 0

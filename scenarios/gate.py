@@ -16,6 +16,7 @@ from cell.errors import InputError
 from cell.frames import Array
 from scenarios.arguments import add_scenario_arguments, fraction, integer
 from scenarios.baseline import Baseline, Execution, read_baseline
+from scenarios.broken import check_ran
 from scenarios.campaign import Event
 from scenarios.files import free_folder, write_json, write_whole
 from scenarios.inputs import changed, input_hashes, versions
@@ -243,9 +244,10 @@ def main(args: argparse.Namespace) -> int:
             max_episodes=args.max_episodes,
             on_episode=lambda n: status.update(f"{n} paired episodes"),
         )
-    print(result.line)
+    check_ran(out)
     if args.json:
         write_json(args.json, {**asdict(result), "scenario": scenario.name, "exit_code": EXIT[result.decision]})
     if args.junit:
         write_whole(args.junit, junit(result, scenario.name))
+    print(result.line)
     return EXIT[result.decision]

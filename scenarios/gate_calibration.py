@@ -193,7 +193,6 @@ def _table(console: Console, rows: Sequence[dict[str, Any]], columns: Sequence[s
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof benchmark gate`."""
-    parser.add_argument("subject", choices=("gate",), metavar="gate", help="the gate's error rates and the intervals")
     parser.add_argument(
         "--campaigns", type=integer(10, 1_000_000), default=10_000, metavar="N", help="simulated gates (default 10000)"
     )

@@ -24,6 +24,7 @@ from cell.workpiece import Workpiece, load_workpiece
 from grasping.grasp_points import GraspPoint, GraspTable, load_grasps
 from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
 from scenarios.arguments import integer
+from scenarios.files import write_whole
 
 GRIPPER = "jaw_v1"
 HOST = "127.0.0.1"
@@ -221,8 +222,8 @@ def _tool(args: argparse.Namespace) -> Array:
 
 def _write(text: str, path: Path | None) -> int:
     if path is None:
-        sys.stdout.write(text)
+        print(text, end="")
     else:
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
         print(f"wrote {path}")
     return 0

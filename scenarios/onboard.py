@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--yes", action="store_true", help="take the symmetry that is found without asking")
     parser.add_argument("--replace", action="store_true", help="write over a workpiece of this name, weights included")
+    parser.set_defaults(makes_folder=True)
 
 
 def main(args: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -18,6 +19,7 @@ from rich.table import Table
 from cell.config import yaml_value
 from cell.errors import InputError
 from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from scenarios.broken import NothingMeasuredError, broken
 from scenarios.campaign import run_campaign
 from scenarios.files import write_json
 from scenarios.job import Runner
@@ -219,7 +221,12 @@ def main(args: argparse.Namespace) -> int:
             )
         rows.append({"values": values, "folder": point.folder.name, "summary": summary})
         write_json(out / "sweep.json", {"fields": [a.field for a in axes], "rows": rows})
-    print_sweep(console, axes, rows)
     plot_sweep(axes, rows, out / "sweep.png")
+    print_sweep(console, axes, rows)
     console.print(f"wrote {out / 'sweep.json'} and {out / 'sweep.png'}", soft_wrap=True)
+    empty = [said for point in points if (said := broken(point.folder))]
+    if len(empty) == len(points):
+        raise NothingMeasuredError(empty[0])
+    for said in empty:
+        print(f"pickproof: {said}", file=sys.stderr)
     return 0

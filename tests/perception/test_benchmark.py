@@ -150,7 +150,7 @@ def test_stages_add_up_and_the_forward_pass_is_timed() -> None:
 def parsed(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     benchmark.add_arguments(parser)
-    args = parser.parse_args(["perception", "bracket", *words])
+    args = parser.parse_args(["bracket", *words])
     benchmark._check(args)
     return args
 

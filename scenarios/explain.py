@@ -100,6 +100,8 @@ def _add_estimate(root: Tree, k: int, estimate: dict[str, Any]) -> None:
         leaf = node.add(line + (f" ({escape(detail)})" if detail else ""))
         if candidate["verdict"] == CHOSEN:
             leaf.add(f"terms before weights: {terms}")
+            if "weighed" in candidate:
+                leaf.add(f"workpieces by weight: {candidate['weighed']}")
     alike: dict[str, list[str]] = {}
     for name, counts in estimate.get("ruled_out", {}).items():
         if len(counts) > 1:

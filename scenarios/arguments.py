@@ -58,6 +58,39 @@ def fraction(text: str) -> float:
     return value
 
 
+def some_path(text: str) -> Path:
+    """A path; an empty word, as of a variable that is not set, would be the current folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; expected a path")
+    return Path(text)
+
+
+def file_to_write(text: str) -> Path:
+    """Where a file can be written, which is found out before the work that fills it."""
+    path = some_path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; expected a file, this is a folder")
+    _check_room(text, path)
+    return path
+
+
+def folder_to_write(text: str) -> Path:
+    """A folder that exists or can be made, which is found out before the work that fills it."""
+    path = some_path(text)
+    if path.exists() and not path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; expected a folder, this is a file")
+    _check_room(text, path)
+    return path
+
+
+def _check_room(text: str, path: Path) -> None:
+    above = next(p for p in (path.absolute(), *path.absolute().parents) if p.exists())
+    if above != path.absolute() and not above.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; {above} is a file, and holds nothing")
+    if not os.access(above, os.W_OK):
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid; {above} cannot be written")
+
+
 def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     """SCENARIO, --set, --oracle and --workers."""
     parser.add_argument("scenario", metavar="SCENARIO", help="a name that `pickproof list` shows, or a YAML file")

@@ -23,7 +23,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.arguments import integer
+from scenarios.arguments import file_to_write, integer
 from scenarios.broken import check_ran
 from scenarios.campaign import run_campaign
 from scenarios.episode import run_episode
@@ -196,7 +196,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bins with one and with two workers (default 4)",
     )
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures to FILE")
 
 
 def main(args: argparse.Namespace) -> int:

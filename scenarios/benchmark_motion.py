@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from robots.collision import CollisionScene
 from robots.inverse import inverse
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
-from scenarios.arguments import integer
+from scenarios.arguments import file_to_write, integer
 from scenarios.choose import choose
 from scenarios.decide import Decision, decide
 from scenarios.episode import oracle_perception
@@ -73,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picks", type=integer(2, 10_000), default=42, metavar="N", help="picks that are planned (default 42)"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures to FILE")
 
 
 def main_benchmark_motion(args: argparse.Namespace) -> int:

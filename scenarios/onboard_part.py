@@ -48,8 +48,8 @@ SMALL = 0.015
 """Of the longest side, up to which a difference counts as none however noisy the camera is."""
 PROPOSED, BATCH, ENOUGH, GRIPPERS = 72, 3, 24, 4
 TRIES, GIVEN_UP = 96, 24
-"""Grasps that are tried at most, of all grippers together, and of one while none holds: counts, not times, so that every
-machine finds the same grasps."""
+"""Grasps that are tried at most, of all grippers together, and of one while none holds: counts, not times, so that
+every machine finds the same grasps."""
 
 
 @dataclass(frozen=True)

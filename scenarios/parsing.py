@@ -73,9 +73,11 @@ class Parser(argparse.ArgumentParser):
         known = self._option_string_actions
         take = iter(words)
         for word in take:
-            option, equals, _ = word.partition("=")
+            option, equals, value = word.partition("=")
             if word == "--":
                 return
+            if value == "--":  # argparse would hand on an empty list
+                self.error(f"argument {option}: '--' is not valid; expected a value")
             if not option.startswith("-") or option == "-":
                 if self._has_commands:
                     return  # the rest is the command's

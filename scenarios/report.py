@@ -11,6 +11,7 @@ from typing import Any
 
 from cell.page import page_template, png_uri
 from grasping.verdict import CHOSEN
+from scenarios.arguments import file_to_write, some_path
 from scenarios.artefact import path_of
 from scenarios.files import write_whole
 from scenarios.records import MEANING, NO_PICK_REASONS, AttemptRecord
@@ -170,8 +171,8 @@ def _readable(value: Any) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof report`."""
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where `pickproof run` wrote its results")
-    parser.add_argument("--out", type=Path, metavar="FILE", help=f"default: DIR/{FILE}")
+    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
+    parser.add_argument("--out", type=file_to_write, metavar="FILE", help=f"default: DIR/{FILE}")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from cell.errors import InputError
-from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, folder_to_write, integer
 from scenarios.broken import check_ran
 from scenarios.campaign import run_campaign
 from scenarios.files import free_folder
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--episodes", type=integer(1, 1_000_000), default=10, metavar="N", help="bin fills (default 10)"
     )
     parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/SCENARIO-SEED")
+    parser.add_argument("--out", type=folder_to_write, metavar="DIR", help="default: out/SCENARIO-SEED")
     parser.add_argument("--resume", action="store_true", help="continue the campaign in --out")
     parser.add_argument(
         "--ray", metavar="ADDRESS", help="run on a Ray cluster: HOST:PORT, auto, or local to start one on this machine"

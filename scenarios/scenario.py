@@ -272,7 +272,7 @@ def _apply(data: dict[str, Any], override: str) -> None:
         raise InputError("command line", "--set", override, "FIELD=VALUE with a dotted field, as camera.width=1280")
     try:
         value = yaml_value(text)
-    except YAMLError:
+    except (YAMLError, ValueError, RecursionError):  # as 2001-99-99 for a date; a thousand brackets
         raise InputError("command line", f"--set {field}", text, "a value in YAML") from None
     for key in keys[:-1]:
         data = data.setdefault(key, {})

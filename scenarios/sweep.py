@@ -18,7 +18,7 @@ from rich.table import Table
 
 from cell.config import yaml_value
 from cell.errors import InputError
-from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, folder_to_write, integer
 from scenarios.broken import NothingMeasuredError, broken
 from scenarios.campaign import run_campaign
 from scenarios.files import write_json
@@ -197,7 +197,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "--set takes FIELD=VALUE,VALUE,... or FIELD=LOW:HIGH:STEP; every combination is run"
     parser.add_argument("--episodes", type=integer(1, 1_000_000), default=10, metavar="N", help="of each (default 10)")
     parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/sweep-SCENARIO; what it holds is kept")
+    parser.add_argument(
+        "--out", type=folder_to_write, metavar="DIR", help="default: out/sweep-SCENARIO; what it holds is kept"
+    )
 
 
 def main(args: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -26,6 +27,14 @@ class InputError(PickproofError):
             shown = shown[:117] + "..."
         where = f"{self.file}: {field}" if field else self.file
         super().__init__(f"{where}: {shown} is not valid; expected {valid}")
+
+
+def did_you_mean(value: object, known: Iterable[str]) -> str:
+    """The known word that a wrong one is most like, as the end of a message; empty where none is like it."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(str(value), list(known), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 class SimulationError(PickproofError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cell.config import parse, read_yaml
-from cell.errors import InputError
+from cell.errors import InputError, did_you_mean
 from cell.jaw import JawConfig, ParallelJaw
 from cell.magnet import Magnet, MagnetConfig
 from cell.suction import VacuumConfig, VacuumGripper
@@ -36,7 +36,9 @@ def load_gripper(name: str) -> ParallelJaw | VacuumGripper | Magnet:
     """
     path = gripper_path(name)
     if not path.is_file():
-        raise InputError("command line", "gripper", name, f"one of: {', '.join(list_grippers())}, or a YAML file")
+        known = list_grippers()
+        valid = f"one of: {', '.join(known)}, or a YAML file{did_you_mean(name, known)}"
+        raise InputError("command line", "gripper", name, valid)
     data = read_yaml(path)
     kind = str(data.get("kind", "parallel_jaw"))
     if kind not in KINDS:

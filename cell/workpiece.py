@@ -15,7 +15,7 @@ import trimesh
 from pydantic import Field
 
 from cell.config import Config, load
-from cell.errors import InputError
+from cell.errors import InputError, did_you_mean
 from cell.frames import Array
 from cell.mesh_bodies import check_crossing
 from cell.mesh_error import MeshError
@@ -185,7 +185,8 @@ def load_workpiece(name: str) -> Workpiece:
     """
     folder = workpiece_folder(name)
     if folder is None:
-        raise InputError("command line", "workpiece", name, f"one of: {', '.join(list_workpieces())}")
+        known = list_workpieces()
+        raise InputError("command line", "workpiece", name, f"one of: {', '.join(known)}{did_you_mean(name, known)}")
     return _load(folder)
 
 

@@ -48,14 +48,14 @@ def weigh(world: World, arm: Arm, seconds: float) -> Reading:
     return _reading(weights, weights, log)
 
 
-def weigh_swinging(world: World, arm: Arm, steady: float) -> Reading:
-    """As `weigh`, for something that may swing: until it has hung for QUIET with a spread of at most `steady` [kg].
+def weigh_swinging(world: World, arm: Arm, steady: float, quiet: float = QUIET) -> Reading:
+    """As `weigh`, for something that may swing: until it has hung for `quiet` with a spread of at most `steady` [kg].
 
     After PATIENCE the mean over whole periods of what still swings is taken.
     """
     weights, log = np.zeros(0), MotionLog()
     while log.time < PATIENCE:
-        more, watched = _read(world, arm, QUIET)
+        more, watched = _read(world, arm, quiet)
         weights, log = np.concatenate([weights, more]), log + watched
         if _spread(more) <= steady * GRAVITY:
             return _reading(more, more, log)

@@ -77,13 +77,7 @@ class Results:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof benchmark`."""
-    parser.add_argument(
-        "subject",
-        choices=("perception",),
-        metavar="perception",
-        help="what is compared; `motion` and `gate` have a help of their own",
-    )
+    """Arguments of `pickproof benchmark perception`."""
     parser.add_argument("workpieces", nargs="*", metavar="WORKPIECE", help="default: all")
     parser.add_argument("--frames", type=int, default=50, help="held-out heaps of each workpiece (default 50)")
     parser.add_argument("--ppf-frames", type=int, help="fewer of them for PPF (default: --frames)")
@@ -164,11 +158,14 @@ def main_benchmark(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> None:
     if args.ppf_frames is None:
         args.ppf_frames = args.frames
-    for option, value in (("frames", args.frames), ("workers", args.workers), ("ppf-frames", args.ppf_frames)):
-        if value < 1:
-            raise InputError("command line", f"--{option}", value, "1 or more")
+    numbers = (("frames", args.frames, 10_000), ("workers", args.workers, 256), ("ppf-frames", args.ppf_frames, 10_000))
+    for option, value, most in numbers:
+        if not 1 <= value <= most:
+            raise InputError("command line", f"--{option}", value, f"1 to {most}")
     if args.ppf_frames > args.frames:
         raise InputError("command line", "--ppf-frames", args.ppf_frames, f"at most --frames, which is {args.frames}")
+    if args.out.exists() and not args.out.is_dir():
+        raise InputError("command line", "--out", str(args.out), "a folder; this is a file")
     for option, folder in (("weights-folder", args.weights_folder), ("variants-folder", args.variants_folder)):
         if folder is not None and not folder.is_dir():
             raise InputError("command line", f"--{option}", str(folder), "a folder that exists")

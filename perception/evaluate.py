@@ -151,9 +151,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main_evaluate(args: argparse.Namespace) -> int:
     """`pickproof evaluate WORKPIECE`."""
-    for option, value, least in (("frames", args.frames, 1), ("seed", args.seed, 0), ("workers", args.workers, 1)):
-        if value is not None and value < least:
-            raise InputError("command line", f"--{option}", value, f"{least} or more")
+    for option, value, least, most in (
+        ("frames", args.frames, 1, 1_000_000), ("seed", args.seed, 0, 2**31 - 1), ("workers", args.workers, 1, 256)
+    ):  # fmt: skip
+        if value is not None and not least <= value <= most:
+            raise InputError("command line", f"--{option}", value, f"{least} to {most}")
     if args.bop is not None and (args.sensor or args.no_noise):
         option, value = ("--sensor", args.sensor) if args.sensor else ("--no-noise", "given")
         raise InputError("command line", option, value, "none with --bop, whose images were measured")

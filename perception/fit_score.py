@@ -128,10 +128,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main_fit_score(args: argparse.Namespace) -> int:
     """`pickproof fit-score WORKPIECE`; 3 where the examples are too few or the fit is no better than the default."""
-    if args.frames < 2:
-        raise InputError("command line", "--frames", args.frames, "2 or more")
-    if args.workers < 1:
-        raise InputError("command line", "--workers", args.workers, "1 or more")
+    for option, value, least, most in (("frames", args.frames, 2, 1_000_000), ("workers", args.workers, 1, 256)):
+        if not least <= value <= most:
+            raise InputError("command line", f"--{option}", value, f"{least} to {most}")
     workpiece = load_workpiece(args.workpiece)
     out = args.out or score_path(workpiece)
     if not out.parent.is_dir():

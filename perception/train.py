@@ -134,6 +134,10 @@ def weights_of(workpiece: Workpiece, variant: str) -> Path:
     return weights_path(workpiece) if variant == "ps6d" else variant_path(workpiece, variant)
 
 
+MOST = {"minutes": 1e6, "clouds": 1e9, "heaps": 1e6, "batch": 4096, "reuse": 1e6, "lr": 1.0}
+"""Of each option at most; more is a slip, or fills the memory."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof train`."""
     d = TrainConfig()
@@ -172,11 +176,13 @@ def command_line(args: argparse.Namespace) -> str:
 
 def main_train(args: argparse.Namespace) -> int:
     """`pickproof train WORKPIECE`."""
-    for name in ("minutes", "clouds", "heaps", "batch", "reuse", "lr"):
-        if not getattr(args, name) > 0:
-            raise InputError("command line", f"--{name}", getattr(args, name), "a number above 0")
-    if args.loaders < 0 or args.seed < 0:
-        raise InputError("command line", "--loaders, --seed", (args.loaders, args.seed), "0 or more")
+    for name, most in MOST.items():
+        if not 0 < getattr(args, name) <= most:
+            valid = f"a number above 0 and at most {most:g}"
+            raise InputError("command line", f"--{name}", getattr(args, name), valid)
+    for name, most in (("loaders", 256), ("seed", 2**31 - 1)):
+        if not 0 <= getattr(args, name) <= most:
+            raise InputError("command line", f"--{name}", getattr(args, name), f"0 to {most}")
     workpiece = load_workpiece(args.workpiece)
     network = network_config(args.variant, workpiece)
     given = given_scenes(args, workpiece, os.cpu_count() or 1)

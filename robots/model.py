@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from cell.config import Config, load
-from cell.errors import InputError
+from cell.errors import InputError, did_you_mean
 from cell.frames import Array
 
 SHIPPED = Path(__file__).resolve().parent
@@ -98,7 +98,8 @@ def load_robot(name: str) -> RobotModel:
         InputError: unknown name, invalid robot.yaml, or a URDF that does not fit it.
     """
     if name not in list_robots():
-        raise InputError("command line", "robot", name, f"one of: {', '.join(list_robots())}")
+        known = list_robots()
+        raise InputError("command line", "robot", name, f"one of: {', '.join(known)}{did_you_mean(name, known)}")
     path = SHIPPED / name / "robot.yaml"
     config = load(RobotConfig, path)
     urdf = path.parent / config.urdf

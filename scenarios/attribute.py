@@ -14,8 +14,9 @@ from typing import Any
 from rich.console import Console
 
 from cell.errors import InputError
-from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, folder_to_write, integer
 from scenarios.attribution import MODES, Attribution, attribute, plot_attribution, print_attribution, verdict_line
+from scenarios.broken import check_ran
 from scenarios.files import write_json
 from scenarios.job import Runner
 from scenarios.paired import outcomes
@@ -86,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = f"four campaigns over the same bins, with {', '.join(folder_of(m) for m in MODES)} replaced"
     parser.add_argument("--episodes", type=integer(2, 1_000_000), default=10, metavar="N", help="of each (default 10)")
     parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/attribute-SCENARIO")
+    parser.add_argument("--out", type=folder_to_write, metavar="DIR", help="default: out/attribute-SCENARIO")
     parser.add_argument("--resume", action="store_true", help="continue what --out holds")
     parser.add_argument("--json", action="store_true", help="print the result as JSON; progress goes to stderr")
 
@@ -108,6 +109,8 @@ def main(args: argparse.Namespace) -> int:
     console, command = Console(stderr=args.json), f"pickproof {shlex.join(args.words)}"
     say = lambda text: console.print(text, highlight=False)  # noqa: E731
     result = run_modes(scenario, args.episodes, args.workers, out, run_episode, command, say)
+    for mode in MODES:
+        check_ran(out / folder_of(mode))
     if args.json:
         print(json.dumps(as_document(result, command), indent=2))
     else:

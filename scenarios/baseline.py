@@ -14,7 +14,8 @@ from pydantic import Field, field_validator
 
 from cell.config import Config, parse
 from cell.errors import InputError
-from scenarios.arguments import MAX_SEED, add_change_arguments, integer
+from scenarios.arguments import MAX_SEED, add_change_arguments, file_to_write, folder_to_write, integer
+from scenarios.broken import check_ran
 from scenarios.campaign import Event, run_campaign
 from scenarios.files import write_whole
 from scenarios.job import Runner
@@ -191,11 +192,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "source", metavar="SCENARIO|DIR", help="a scenario to run, or the folder of a campaign that was run"
     )
-    parser.add_argument("--baseline", type=Path, metavar="FILE", help="default: NAME.baseline.json")
+    parser.add_argument("--baseline", type=file_to_write, metavar="FILE", help="default: NAME.baseline.json")
     parser.add_argument("--episodes", type=integer(1, 100_000), default=200, metavar="N", help="bins (default 200)")
     parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
     parser.add_argument("--whole", action="store_true", help="run whole episodes, not their first attempts alone")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="results of the run; default: out/baseline-SCENARIO")
+    parser.add_argument(
+        "--out", type=folder_to_write, metavar="DIR", help="results of the run; default: out/baseline-SCENARIO"
+    )
     parser.add_argument("--resume", action="store_true", help="continue the run in --out")
     add_change_arguments(parser)
 
@@ -221,4 +224,5 @@ def _run(args: argparse.Namespace) -> Baseline:
     how = Execution(out, run_episode, args.workers, oracle, args.resume, f"pickproof {shlex.join(args.words)}")
     seed = scenario.seed if args.seed is None else args.seed
     how.run(scenario, "success" if args.whole else "first_attempt", seed, args.episodes)
+    check_ran(out)
     return baseline_of(out)

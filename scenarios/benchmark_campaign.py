@@ -23,7 +23,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.arguments import integer
+from scenarios.arguments import file_to_write, integer
+from scenarios.broken import check_ran
 from scenarios.campaign import run_campaign
 from scenarios.episode import run_episode
 from scenarios.files import write_json
@@ -156,6 +157,7 @@ def _campaign(
         expected_s=expected_s,
     )
     spent = time.process_time() - start
+    check_ran(folder / "out")
     with Store.read(folder / "out") as store:
         seeds = [e.seed for e in store.episodes()]
     return [Timed(**json.loads((folder / f"{s}.json").read_text(encoding="utf-8"))) for s in seeds], spent
@@ -185,7 +187,6 @@ def _processors() -> float:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof benchmark campaign`."""
-    parser.add_argument("subject", choices=("campaign",), metavar="campaign", help="what is measured")
     parser.add_argument("scenario", nargs="?", default="bracket", metavar="SCENARIO", help="default: bracket")
     parser.add_argument(
         "--episodes",
@@ -195,7 +196,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bins with one and with two workers (default 4)",
     )
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="override a field")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures to FILE")
 
 
 def main(args: argparse.Namespace) -> int:

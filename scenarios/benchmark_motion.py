@@ -8,12 +8,10 @@ its workpiece is put where the plan lets it go, and the next image is taken. Not
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,9 +26,11 @@ from robots.collision import CollisionScene
 from robots.inverse import inverse
 from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
+from scenarios.arguments import file_to_write, integer
 from scenarios.choose import choose
 from scenarios.decide import Decision, decide
 from scenarios.episode import oracle_perception
+from scenarios.files import write_json
 from scenarios.memory import Memory
 from scenarios.move import release_opening
 from scenarios.planners import request_of
@@ -68,16 +68,15 @@ class Measured:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof benchmark motion`."""
-    parser.add_argument("subject", choices=("motion",), metavar="motion", help="what is measured")
     parser.add_argument("scenario", nargs="?", default="bracket", metavar="SCENARIO", help="default: bracket")
-    parser.add_argument("--picks", type=int, default=42, metavar="N", help="picks that are planned (default 42)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser.add_argument(
+        "--picks", type=integer(2, 10_000), default=42, metavar="N", help="picks that are planned (default 42)"
+    )
+    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures to FILE")
 
 
 def main_benchmark_motion(args: argparse.Namespace) -> int:
     """Run `pickproof benchmark motion`."""
-    if not 2 <= args.picks <= 10_000:
-        raise InputError("command line", "--picks", args.picks, "from 2 to 10000")
     scenario = load_scenario(args.scenario)
     measured = list(measure(scenario, args.picks))
     if not any(m.steady for m in measured):
@@ -86,7 +85,7 @@ def main_benchmark_motion(args: argparse.Namespace) -> int:
         )
     figures = summary(measured)
     if args.json is not None:
-        args.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+        write_json(args.json, figures)
     _show(figures, scenario)
     return 0
 

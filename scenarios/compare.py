@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, norm
 
+from scenarios.arguments import file_to_write, some_path
 from scenarios.files import write_json
 from scenarios.inputs import changed as changed_names
 from scenarios.paired import Outcome, changed_fields, check_same_bins, outcomes, same_seeds
@@ -238,16 +239,16 @@ def print_comparison(console: Console, c: Comparison, a: Path, b: Path) -> None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof compare`."""
-    parser.add_argument("a", type=Path, metavar="A", help="folder of a campaign")
-    parser.add_argument("b", type=Path, metavar="B", help="folder of another over the same bins")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the comparison as JSON too")
+    parser.add_argument("a", type=some_path, metavar="A", help="folder of a campaign")
+    parser.add_argument("b", type=some_path, metavar="B", help="folder of another over the same bins")
+    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the comparison as JSON too")
 
 
 def main(args: argparse.Namespace) -> int:
     """`pickproof compare A B`."""
     comparison = compare(args.a, args.b)
-    print_comparison(Console(), comparison, args.a, args.b)
     if args.json:
         document: dict[str, Any] = {"a": str(args.a), "b": str(args.b), **asdict(comparison)}
         write_json(args.json, document)
+    print_comparison(Console(), comparison, args.a, args.b)
     return 0

@@ -6,7 +6,6 @@ import argparse
 import json
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -16,6 +15,7 @@ from rich.tree import Tree
 
 from cell.errors import InputError
 from grasping.verdict import CHOSEN, MEANING, Verdict
+from scenarios.arguments import some_path
 from scenarios.records import MEANING as REASONS
 from scenarios.records import AttemptRecord
 from scenarios.store import Store
@@ -26,7 +26,7 @@ ESTIMATES_SHOWN = 12
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Of the command `explain`."""
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where `pickproof run` wrote its results")
+    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
     parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
     parser.add_argument("--all", action="store_true", help=f"all estimates, not the first {ESTIMATES_SHOWN}")
     parser.add_argument("--json", action="store_true", help="print the tree as JSON")
@@ -100,6 +100,8 @@ def _add_estimate(root: Tree, k: int, estimate: dict[str, Any]) -> None:
         leaf = node.add(line + (f" ({escape(detail)})" if detail else ""))
         if candidate["verdict"] == CHOSEN:
             leaf.add(f"terms before weights: {terms}")
+            if "weighed" in candidate:
+                leaf.add(f"workpieces by weight: {candidate['weighed']}")
     alike: dict[str, list[str]] = {}
     for name, counts in estimate.get("ruled_out", {}).items():
         if len(counts) > 1:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cell.errors import InputError
+from scenarios.arguments import file_to_write, some_path
 from scenarios.files import StoreError
 from scenarios.records import AttemptRecord
 from scenarios.results import Campaign, columns
@@ -52,8 +52,10 @@ def _json(value: Any) -> str | None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof export`."""
-    parser.add_argument("directory", type=Path, metavar="DIR", help="folder of a campaign")
-    parser.add_argument("--parquet", type=Path, required=True, metavar="FILE", help="written whole or not at all")
+    parser.add_argument("directory", type=some_path, metavar="DIR", help="folder of a campaign")
+    parser.add_argument(
+        "--parquet", type=file_to_write, required=True, metavar="FILE", help="written whole or not at all"
+    )
 
 
 def main(args: argparse.Namespace) -> int:

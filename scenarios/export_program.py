@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from cell.errors import InputError
 from cell.gripper import load_gripper
 from robots.model import load_robot
 from robots.tp_program import Waypoint, write_program
+from scenarios.arguments import file_to_write, integer, some_path
 from scenarios.explain import nth_attempt
 from scenarios.scenario import Scenario
 from scenarios.store import Store
@@ -39,17 +39,21 @@ def from_json(rows: list[dict[str, Any]]) -> list[Waypoint]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Of the command `export-program`."""
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where `pickproof run` wrote its results")
+    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
     parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
     parser.add_argument("--name", default="", help="of the program (default PICK_N)")
-    parser.add_argument("--output", type=int, default=1, help="robot output RO[n] that closes the gripper (default 1)")
-    parser.add_argument("--out", type=Path, default=None, help="file (default DIR/NAME.LS)")
+    parser.add_argument(
+        "--output",
+        type=integer(1, 999),
+        default=1,
+        metavar="N",
+        help="robot output RO[N] that closes the gripper (default 1)",
+    )
+    parser.add_argument("--out", type=file_to_write, default=None, help="file (default DIR/NAME.LS)")
 
 
 def main(args: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    if args.output < 1:
-        raise InputError("command line", "--output", args.output, "1 or more")
     with Store.read(args.directory) as store:
         attempt = nth_attempt(store.attempts(), args.attempt)
         scenario = Scenario.model_validate_json(store.meta()["scenario"])

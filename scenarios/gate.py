@@ -14,8 +14,9 @@ import numpy as np
 
 from cell.errors import InputError
 from cell.frames import Array
-from scenarios.arguments import add_scenario_arguments, fraction, integer
+from scenarios.arguments import add_scenario_arguments, file_to_write, folder_to_write, fraction, integer, some_path
 from scenarios.baseline import Baseline, Execution, read_baseline
+from scenarios.broken import check_ran
 from scenarios.campaign import Event
 from scenarios.files import free_folder, write_json, write_whole
 from scenarios.inputs import changed, input_hashes, versions
@@ -202,7 +203,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof gate`."""
     rule = Rule()
     add_scenario_arguments(parser)
-    parser.add_argument("--baseline", type=Path, required=True, metavar="FILE", help="that `pickproof baseline` wrote")
+    parser.add_argument(
+        "--baseline", type=some_path, required=True, metavar="FILE", help="that `pickproof baseline` wrote"
+    )
     parser.add_argument("--measure", choices=MEASURES, default=MEASURES[0], help="default: first_attempt")
     parser.add_argument("--margin", type=fraction, default=rule.margin, help="loss that must not pass (default 0.02)")
     parser.add_argument("--alpha", type=fraction, default=rule.alpha, help="chance of a false alarm (default 0.05)")
@@ -212,10 +215,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-episodes", type=integer(1, 100_000), metavar="N", help="default: all that the baseline holds"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/gate-SCENARIO")
+    parser.add_argument("--out", type=folder_to_write, metavar="DIR", help="default: out/gate-SCENARIO")
     parser.add_argument("--resume", action="store_true", help="continue the gate in --out")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
-    parser.add_argument("--junit", type=Path, metavar="FILE", help="write the result as JUnit XML")
+    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the result as JSON")
+    parser.add_argument("--junit", type=file_to_write, metavar="FILE", help="write the result as JUnit XML")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -243,9 +246,10 @@ def main(args: argparse.Namespace) -> int:
             max_episodes=args.max_episodes,
             on_episode=lambda n: status.update(f"{n} paired episodes"),
         )
-    print(result.line)
+    check_ran(out)
     if args.json:
         write_json(args.json, {**asdict(result), "scenario": scenario.name, "exit_code": EXIT[result.decision]})
     if args.junit:
         write_whole(args.junit, junit(result, scenario.name))
+    print(result.line)
     return EXIT[result.decision]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.special import expit
 from scipy.stats import beta
 
 from cell.frames import Array
-from scenarios.arguments import integer
+from scenarios.arguments import file_to_write, integer
 from scenarios.files import write_json
 from scenarios.sequential import Rule, decide
 from scenarios.statistics import cluster_intervals, difference_intervals, wilson
@@ -193,12 +192,11 @@ def _table(console: Console, rows: Sequence[dict[str, Any]], columns: Sequence[s
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof benchmark gate`."""
-    parser.add_argument("subject", choices=("gate",), metavar="gate", help="the gate's error rates and the intervals")
     parser.add_argument(
         "--campaigns", type=integer(10, 1_000_000), default=10_000, metavar="N", help="simulated gates (default 10000)"
     )
     parser.add_argument("--seed", type=integer(0, 2**31 - 1), default=0, metavar="S", help="of the simulation")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures as JSON")
+    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures as JSON")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -23,7 +23,8 @@ from cell.tool import Gripper
 from cell.workpiece import Workpiece, load_workpiece
 from grasping.grasp_points import GraspPoint, GraspTable, load_grasps
 from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
-from scenarios.arguments import integer
+from scenarios.arguments import MAX_SEED, file_to_write, folder_to_write, integer, number, some_path
+from scenarios.files import write_whole
 
 GRIPPER = "jaw_v1"
 HOST = "127.0.0.1"
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="grasps_command")
     importing = commands.add_parser("import", help="an isaac_grasp file (format version 1.0) as grasps.yaml")
     importing.add_argument("workpiece", metavar="WORKPIECE")
-    importing.add_argument("file", type=Path, metavar="FILE")
+    importing.add_argument("file", type=some_path, metavar="FILE")
     importing.set_defaults(run=_import)
     exporting = commands.add_parser("export", help="grasps.yaml as an isaac_grasp file (format version 1.0)")
     exporting.add_argument("workpiece", metavar="WORKPIECE")
@@ -46,17 +47,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     checking.set_defaults(run=_check)
     sampling = commands.add_parser("sample", help="propose grasp points from the CAD, tried in the physics")
     sampling.add_argument("workpiece", metavar="WORKPIECE")
-    sampling.add_argument("--count", type=int, default=12, metavar="N", help="proposals tried (default 12)")
-    sampling.add_argument("--seed", type=int, default=0, metavar="S", help="of the rays through the CAD")
     sampling.add_argument(
-        "--least", type=float, default=0.5, metavar="SHARE", help="of pose errors that a kept grasp bears (default 0.5)"
+        "--count", type=integer(1, 10_000), default=12, metavar="N", help="proposals tried (default 12)"
     )
-    sampling.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
+    sampling.add_argument(
+        "--seed", type=integer(0, MAX_SEED), default=0, metavar="S", help="of the rays through the CAD"
+    )
+    sampling.add_argument(
+        "--least",
+        type=number(0, 0.999),
+        default=0.5,
+        metavar="SHARE",
+        help="of pose errors that a kept grasp bears (default 0.5)",
+    )
+    sampling.add_argument("--out", type=file_to_write, metavar="FILE", help="write there; default: to standard output")
     sampling.set_defaults(run=_sample)
     editing = commands.add_parser("edit", help="move, judge, try and save grasps on a page in the browser")
     editing.add_argument("workpiece", metavar="WORKPIECE")
     editing.add_argument("--gripper", metavar="G", help="default: that of the workpiece's grasps.yaml")
-    editing.add_argument("--grasps", type=Path, metavar="FILE", help="default: the workpiece's grasps.yaml")
+    editing.add_argument("--grasps", type=file_to_write, metavar="FILE", help="default: the workpiece's grasps.yaml")
     editing.add_argument("--port", type=integer(0, 65535), default=8080, help="of the page (default 8080)")
     editing.add_argument(
         "--host", default=HOST, metavar="H", help=f"address to listen on (default {HOST}); others need the token"
@@ -67,22 +76,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     mapped.add_argument("workpiece", metavar="WORKPIECE")
     mapped.add_argument("--gripper", metavar="G", help="default: that of the table")
     mapped.add_argument("--grasps", default="all", metavar="NAMES", help="all, or names with commas (default all)")
-    mapped.add_argument("--table", type=Path, metavar="FILE", help="grasp points; default: the workpiece's grasps.yaml")
     mapped.add_argument(
-        "--errors", type=Path, metavar="FILE", help="evaluation.json; default: out/evaluate/WORKPIECE/, where it is"
+        "--table", type=some_path, metavar="FILE", help="grasp points; default: the workpiece's grasps.yaml"
+    )
+    mapped.add_argument(
+        "--errors",
+        type=some_path,
+        metavar="FILE",
+        help="evaluation.json; default: out/evaluate/WORKPIECE/, where it is",
     )
     mapped.add_argument("--workers", type=integer(1, 256), default=1, metavar="K", help="processes (default 1)")
-    mapped.add_argument("--out", type=Path, metavar="DIR", help="default: out/robustness-WORKPIECE")
+    mapped.add_argument("--out", type=folder_to_write, metavar="DIR", help="default: out/robustness-WORKPIECE")
     mapped.set_defaults(run=_robustness)
     for command in (importing, exporting, checking, sampling):
         help_text = f"default: that of the workpiece's grasps.yaml, {GRIPPER} where there is none"
         command.add_argument("--gripper", metavar="G", help=help_text)
     for command in (importing, exporting):
-        command.add_argument("--out", type=Path, metavar="FILE", help="write there; default: to standard output")
+        command.add_argument(
+            "--out", type=file_to_write, metavar="FILE", help="write there; default: to standard output"
+        )
         command.add_argument(
             "--tool",
             nargs=6,
-            type=float,
+            type=number(-1000, 1000),
             default=[0.0] * 6,
             metavar=SIX,
             help="our tool centre point in the other program's gripper frame, in [m] and [deg]; default: that frame",
@@ -132,6 +148,8 @@ def _edit(args: argparse.Namespace) -> int:
 
     workpiece = load_workpiece(args.workpiece)
     path = args.grasps or workpiece.folder / "grasps.yaml"
+    if path.is_file() and path.stat().st_size:
+        read_yaml(path)  # what is no YAML is no table that can be edited
     gripper = load_gripper(args.gripper or _gripper_of(path))
     token = args.token or (None if args.host == HOST else secrets.token_urlsafe(16))
     editor = GraspEditor(workpiece, gripper, path, args.port, args.host, token)
@@ -165,11 +183,6 @@ def _sample(args: argparse.Namespace) -> int:
     from scenarios.grasp_check import tried
 
     workpiece, gripper = _both(args)
-    for name, value, low in (("--count", args.count, 1), ("--seed", args.seed, 0)):
-        if value < low:
-            raise InputError("command line", name, value, f"an integer from {low}")
-    if not 0 <= args.least < 1:
-        raise InputError("command line", "--least", args.least, "a number from 0 to less than 1")
     proposals = propose(workpiece, gripper, args.count, np.random.default_rng(args.seed))
     points = tried(workpiece, gripper, proposals, args.least)
     if not points:
@@ -221,8 +234,8 @@ def _tool(args: argparse.Namespace) -> Array:
 
 def _write(text: str, path: Path | None) -> int:
     if path is None:
-        sys.stdout.write(text)
+        print(text, end="")
     else:
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
         print(f"wrote {path}")
     return 0

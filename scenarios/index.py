@@ -13,6 +13,7 @@ from rich.console import Console
 
 from cell.errors import InputError
 from cell.page import page_template
+from scenarios.arguments import file_to_write, some_path
 from scenarios.files import write_whole
 from scenarios.report import FILE as REPORT
 from scenarios.report_figures import as_json, library, trend
@@ -86,8 +87,8 @@ def _short(commit: str) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Of the command `index`."""
-    parser.add_argument("directories", type=Path, nargs="+", metavar="DIR", help="of a run, or with runs below it")
-    parser.add_argument("--out", type=Path, default=OUT, metavar="FILE", help=f"default: {OUT}")
+    parser.add_argument("directories", type=some_path, nargs="+", metavar="DIR", help="of a run, or with runs below it")
+    parser.add_argument("--out", type=file_to_write, default=OUT, metavar="FILE", help=f"default: {OUT}")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from scenarios.outcome import Evidence
 from scenarios.pictures import snap
 from scenarios.placing import Place
 from scenarios.retreat import FALL_TIME, back_off, put_back, recover
-from scenarios.weighing import comes_up_double
+from scenarios.weighing import Weighed, count_by_weight
 from scenarios.workcell import Workcell
 
 RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
@@ -55,7 +55,8 @@ def move(
         arm.hold_jaws(candidate.opening)
         log += run("in", way_in)
     closed: tuple[int, ...] = ()
-    lifted, carried, released, double = closed, closed, False, False
+    lifted, carried, released = closed, closed, False
+    weighed: Weighed | None = None
     if not log.stopped:
         taken = grip(world, arm)
         closed, log = taken.parts, log + taken.log
@@ -74,11 +75,11 @@ def move(
         if staged:
             snap(cell, pictures, "place")
     if closed and not log.stopped:
-        double, weighing = comes_up_double(cell, plan, rng)
+        weighed, weighing = count_by_weight(cell, plan, rng)
         log += weighing
         if log.stopped:
             carried = ()
-        elif double:
+        elif weighed is Weighed.SEVERAL:
             carried = ()
             log += put_back(cell, candidate, plan)
         else:
@@ -104,7 +105,11 @@ def move(
         # this attempt's verdict stands; the next sees them still
         world.unanchor(np.flatnonzero(~world.at_rest()).tolist())
     after = cell.observe()
-    return Evidence(before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back), robot_s
+    double = weighed is Weighed.SEVERAL
+    seen = Evidence(
+        before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back, weighed=weighed
+    )
+    return seen, robot_s
 
 
 def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: Array) -> float:

@@ -21,6 +21,7 @@ from cell.mesh_read import read_checked
 from cell.processes import FOLDERS, child_environment
 from cell.symmetry_search import Degrees, FoundSymmetry
 from cell.workpiece import SHIPPED, load_workpiece, search_path
+from scenarios.arguments import number, some_path
 from scenarios.files import write_json, write_whole
 from scenarios.grasps import table_text
 from scenarios.onboard_page import page, record
@@ -44,16 +45,17 @@ PAGE, RECORD = "onboard.html", "onboard.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Of the command `onboard`."""
-    parser.add_argument("mesh", type=Path, metavar="MESH", help="STL, OBJ, PLY, GLB, or STEP with pickproof[step]")
+    parser.add_argument("mesh", type=some_path, metavar="MESH", help="STL, OBJ, PLY, GLB, or STEP with pickproof[step]")
     parser.add_argument("--unit", required=True, choices=list(UNITS), help="of the lengths in the file")
     parser.add_argument("--name", required=True, help="of the workpiece: letters, digits, _ and -")
     parser.add_argument("--material", default="steel", choices=list(MATERIALS), help="default steel")
     parser.add_argument(
-        "--symmetry", nargs=3, type=float, metavar=("DX", "DY", "DZ"),
+        "--symmetry", nargs=3, type=number(0, 360), metavar=("DX", "DY", "DZ"),
         help="smallest turn about x, y, z of the part's frame that changes nothing, 0 for none; default: as found",
     )  # fmt: skip
     parser.add_argument("--yes", action="store_true", help="take the symmetry that is found without asking")
     parser.add_argument("--replace", action="store_true", help="write over a workpiece of this name, weights included")
+    parser.set_defaults(makes_folder=True)
 
 
 def main(args: argparse.Namespace) -> int:

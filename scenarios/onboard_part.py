@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,8 +47,9 @@ TOLERANCE = (0.005, 0.1)
 SMALL = 0.015
 """Of the longest side, up to which a difference counts as none however noisy the camera is."""
 PROPOSED, BATCH, ENOUGH, GRIPPERS = 72, 3, 24, 4
-SECONDS = 75.0
-"""[s] of processor time for grasps, after which those that hold will do."""
+TRIES, GIVEN_UP = 96, 24
+"""Grasps that are tried at most, of all grippers together, and of one while none holds: counts, not times, so that
+every machine finds the same grasps."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,8 @@ def write_workpiece(part: Part, folder: Path) -> None:
 
 def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) -> Held:
     """Grasps from the CAD that hold in the physics, by the most suitable gripper that has any."""
-    begun, words = time.process_time(), []
+    words: list[str] = []
+    left = TRIES
     gripper, why, best = None, "", list[GraspPoint]()
     candidates = [c for c in rank_grippers(workpiece, heap.bin_inner[2]) if c.fits]
     for choice in candidates[:GRIPPERS]:
@@ -175,15 +176,18 @@ def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) ->
             workpiece, choice.gripper, propose(workpiece, choice.gripper, PROPOSED, np.random.default_rng(0))
         )
         held: list[GraspPoint] = []
-        for start in range(0, len(proposed), BATCH):
-            held += tried(workpiece, choice.gripper, proposed[start : start + BATCH])
-            if len(held) >= ENOUGH or time.process_time() - begun > SECONDS:
-                break
-        words.append(f"{choice.gripper.name}: {choice.reason}; {len(proposed)} grasps proposed, {len(held)} hold")
+        of_this = 0
+        while of_this < min(len(proposed), left if held else min(left, GIVEN_UP)) and len(held) < ENOUGH:
+            batch = proposed[of_this : min(of_this + BATCH, left)]
+            held += tried(workpiece, choice.gripper, batch)
+            of_this += len(batch)
+        left -= of_this
+        counts = f"{len(proposed)} grasps proposed, {of_this} tried, {len(held)} hold"
+        words.append(f"{choice.gripper.name}: {choice.reason}; {counts}")
         say(words[-1])
         if len(held) > len(best):
             gripper, why, best = choice.gripper, words[-1], sorted(held, key=lambda p: -p.robustness)
-        if len(held) >= BATCH or time.process_time() - begun > SECONDS:
+        if len(held) >= BATCH or not left:
             break
     words += [f"{c.gripper.name}: {c.reason}" for c in rank_grippers(workpiece, heap.bin_inner[2]) if not c.fits]
     return Held(gripper, why, tuple(best), tuple(words))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from cell.observe import Snapshot
 from cell.workpiece import Workpiece
 from scenarios.records import Reason
 from scenarios.workcell import PLACE, SOURCE
+
+if TYPE_CHECKING:
+    from scenarios.weighing import Weighed
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Evidence:
         in_tolerance: what was carried rests where it was to be let go, as closely as the scenario asks.
         put_back: what came up weighed as much as several, and was let go where it had been.
         set_back: the arm was stopped, could not draw back by itself, and was set back to home by hand.
+        weighed: how many workpieces the wrist says came along; None where nothing was carried to the place.
         released: nothing was held after opening.
         log: of all motions. seconds: simulated time of the attempt.
         pose_ok: the chosen estimate is within tolerance of a workpiece.
@@ -43,6 +47,7 @@ class Evidence:
     put_back: bool = False
     set_back: bool = False
     in_tolerance: bool = True
+    weighed: Weighed | None = None
 
 
 def judge(evidence: Evidence, force_limit: float, time_limit: float) -> Reason | Literal[""]:

@@ -79,6 +79,10 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
         evidence, robot_s = move(
             cell, memory.place, decision.candidate, decision.plan, before, pose_ok, staged, shots, wrist
         )
+        if evidence.weighed is not None:
+            for node in record["tree"][decision.candidate.estimate]["candidates"]:
+                if node["verdict"] == CHOSEN:
+                    node["weighed"] = str(evidence.weighed)
         if evidence.log.stopped:
             for node in record["tree"][decision.candidate.estimate]["candidates"]:
                 if node["verdict"] == CHOSEN:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
 from rich.console import Console
 
-from scenarios.arguments import integer
+from scenarios.arguments import file_to_write, integer, some_path
 from scenarios.film import KINDS, record
 from scenarios.replay_data import Replayed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Of the command `replay`."""
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where `pickproof run` wrote its results")
+    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
     parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
     parser.add_argument("--port", type=integer(0, 65535), default=8080, help="of the page on 127.0.0.1 (default 8080)")
     parser.add_argument(
-        "--record", type=Path, metavar="FILE", help=f"write a film instead of a page: {', '.join(KINDS)}"
+        "--record", type=file_to_write, metavar="FILE", help=f"write a film instead of a page: {', '.join(KINDS)}"
     )
 
 

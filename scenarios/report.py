@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import Any
 
 from cell.page import page_template, png_uri
 from grasping.verdict import CHOSEN
+from scenarios.arguments import file_to_write, some_path
 from scenarios.artefact import path_of
 from scenarios.files import write_whole
 from scenarios.records import MEANING, NO_PICK_REASONS, AttemptRecord
@@ -50,15 +52,17 @@ class Shown:
     replay: bool = False
 
 
-def write_report(directory: Path) -> Path:
-    """Write DIR/report.html from DIR/results.sqlite; a campaign that was interrupted, or still runs, will do.
+def write_report(directory: Path, file: Path | None = None) -> Path:
+    """Write a page from DIR/results.sqlite, to DIR/report.html by default.
+
+    A campaign that was interrupted, or still runs, will do.
 
     Raises:
         InputError, StoreError: the results cannot be read, or the page cannot be written.
     """
     with Store.read(directory) as store:
         page = _render(store, directory)
-    return write_whole(directory / FILE, page)
+    return write_whole(file or directory / FILE, page)
 
 
 def choose_shown(store: Store, attempts: Sequence[AttemptRecord], budget: int = PICTURE_BYTES) -> list[Shown]:
@@ -163,3 +167,15 @@ def _accuracy(attempts: Sequence[AttemptRecord]) -> dict[str, float] | None:
 
 def _readable(value: Any) -> str:
     return str(value).replace("_", " ")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `pickproof report`."""
+    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
+    parser.add_argument("--out", type=file_to_write, metavar="FILE", help=f"default: DIR/{FILE}")
+
+
+def main(args: argparse.Namespace) -> int:
+    """`pickproof report DIR`."""
+    print(f"wrote {write_report(args.directory, args.out)}")
+    return 0

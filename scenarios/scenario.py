@@ -18,7 +18,7 @@ from ruamel.yaml.error import YAMLError
 from cell.bin import Bin, Box, table
 from cell.camera import Intrinsics, look_at
 from cell.config import Config, parse, read_yaml, yaml_value
-from cell.errors import InputError
+from cell.errors import InputError, did_you_mean
 from cell.frames import Array
 from cell.sensor import SensorConfig
 from cell.workpiece import list_workpieces, search_path, workpiece_folder
@@ -213,7 +213,9 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
         table = (Path.cwd() if from_command else path.parent) / scenario.grasps
         scenario = scenario.model_copy(update={"grasps": str(table.resolve())})
     if scenario.workpiece not in list_workpieces():
-        raise InputError(file, "workpiece", scenario.workpiece, f"one of: {', '.join(list_workpieces())}")
+        known = list_workpieces()
+        valid = f"one of: {', '.join(known)}{did_you_mean(scenario.workpiece, known)}"
+        raise InputError(file, "workpiece", scenario.workpiece, valid)
     return scenario
 
 
@@ -258,9 +260,9 @@ def scenario_path(name_or_path: str) -> Path:
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):
         return path  # read_yaml says when it is missing
-    raise InputError(
-        "command line", "SCENARIO", name_or_path, f"one of: {', '.join(list_scenarios())}; or the path of a .yaml file"
-    )
+    known = list_scenarios()
+    valid = f"one of: {', '.join(known)}; or the path of a .yaml file{did_you_mean(name_or_path, known)}"
+    raise InputError("command line", "SCENARIO", name_or_path, valid)
 
 
 def _apply(data: dict[str, Any], override: str) -> None:
@@ -270,7 +272,7 @@ def _apply(data: dict[str, Any], override: str) -> None:
         raise InputError("command line", "--set", override, "FIELD=VALUE with a dotted field, as camera.width=1280")
     try:
         value = yaml_value(text)
-    except YAMLError:
+    except (YAMLError, ValueError, RecursionError):  # as 2001-99-99 for a date; a thousand brackets
         raise InputError("command line", f"--set {field}", text, "a value in YAML") from None
     for key in keys[:-1]:
         data = data.setdefault(key, {})

@@ -44,8 +44,9 @@ CREATE TABLE pictures (
 _ATTEMPT_COLUMNS = [f.name for f in fields(AttemptRecord) if f.name != "pictures"]
 _JSON_COLUMNS = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints")
 _EPISODE_COLUMNS = [f.name for f in fields(EpisodeRecord)]
-_LARGE_COLUMNS = ("tree", "waypoints")
+LARGE_COLUMNS = ("tree", "waypoints")
 _ADDED_COLUMNS = {"place_mm": "REAL", "place_deg": "REAL", "waypoints": "TEXT"}  # that version 1 did not know
+_REFUSED = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM)
 _PATIENCE_S = 30.0  # [s] a writer waits for another program that holds the file
 
 
@@ -101,9 +102,12 @@ class Store:
 
     @staticmethod
     def read(directory: Path) -> Store:
-        """Open the results in `directory` for reading; a campaign may be writing at the same time."""
+        """Open the results in `directory` for reading; a campaign may be writing at the same time.
+
+        The folder need not be writable.
+        """
         path = _existing(directory)
-        store = Store(path, _connect(path, "ro"))
+        store = Store(path, _connect_to_read(path))
         store._check()
         return store
 
@@ -164,7 +168,7 @@ class Store:
         Args:
             large: with tree and waypoints, which are most of the file; None in the records without.
         """
-        return list(self.each_attempt(seed, () if large else _LARGE_COLUMNS))
+        return list(self.each_attempt(seed, () if large else LARGE_COLUMNS))
 
     def each_attempt(
         self, seed: int | None = None, without: Collection[str] = (), tree: Callable[[Any], Any] = lambda tree: tree
@@ -290,6 +294,34 @@ def _connect(path: Path, mode: str) -> sqlite3.Connection:
         return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=_PATIENCE_S)
     except sqlite3.Error as error:
         raise _explain(path, error) from None
+
+
+def _connect_to_read(path: Path) -> sqlite3.Connection:
+    """A connection that reads, also where SQLite may not make the files beside the database that its WAL mode needs.
+
+    There the file is read as one that never changes, unless a journal beside it holds what it lacks.
+
+    Raises:
+        InputError: the file may not be read.
+        StoreError: there is such a journal.
+    """
+    if not os.access(path, os.R_OK):
+        raise InputError(path, "", "no permission to read it", "a file that you may read")
+    connection = _connect(path, "ro")
+    try:
+        connection.execute("PRAGMA application_id").fetchone()
+    except sqlite3.Error as error:
+        refused = getattr(error, "sqlite_errorcode", 0) & 0xFF in _REFUSED
+        if not refused or os.access(path.parent, os.W_OK):
+            return connection  # what is read next says what is wrong
+    else:
+        return connection
+    connection.close()
+    for journal in (path.with_name(f"{path.name}{end}") for end in ("-wal", "-journal")):
+        if journal.is_file() and journal.stat().st_size:
+            found = f"holds what {path.name} lacks, and the folder is not writable"
+            raise StoreError(f"{journal}: {found}; copy the folder to a place where you may write, and read it there")
+    return _connect(path, "ro&immutable=1")
 
 
 def _lock(directory: Path) -> int:

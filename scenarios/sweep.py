@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -17,7 +18,8 @@ from rich.table import Table
 
 from cell.config import yaml_value
 from cell.errors import InputError
-from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, folder_to_write, integer
+from scenarios.broken import NothingMeasuredError, broken
 from scenarios.campaign import run_campaign
 from scenarios.files import write_json
 from scenarios.job import Runner
@@ -195,7 +197,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "--set takes FIELD=VALUE,VALUE,... or FIELD=LOW:HIGH:STEP; every combination is run"
     parser.add_argument("--episodes", type=integer(1, 1_000_000), default=10, metavar="N", help="of each (default 10)")
     parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/sweep-SCENARIO; what it holds is kept")
+    parser.add_argument(
+        "--out", type=folder_to_write, metavar="DIR", help="default: out/sweep-SCENARIO; what it holds is kept"
+    )
 
 
 def main(args: argparse.Namespace) -> int:
@@ -219,7 +223,12 @@ def main(args: argparse.Namespace) -> int:
             )
         rows.append({"values": values, "folder": point.folder.name, "summary": summary})
         write_json(out / "sweep.json", {"fields": [a.field for a in axes], "rows": rows})
-    print_sweep(console, axes, rows)
     plot_sweep(axes, rows, out / "sweep.png")
+    print_sweep(console, axes, rows)
     console.print(f"wrote {out / 'sweep.json'} and {out / 'sweep.png'}", soft_wrap=True)
+    empty = [said for point in points if (said := broken(point.folder))]
+    if len(empty) == len(points):
+        raise NothingMeasuredError(empty[0])
+    for said in empty:
+        print(f"pickproof: {said}", file=sys.stderr)
     return 0

@@ -18,7 +18,7 @@ from cell.errors import InputError
 from cell.gripper import load_gripper
 from cell.workpiece import load_workpiece
 from grasping.grasp_points import load_grasps, read_table
-from scenarios.arguments import MAX_SEED, add_scenario_arguments, integer
+from scenarios.arguments import MAX_SEED, add_scenario_arguments, folder_to_write, integer, number, some_path
 from scenarios.compare import print_comparison
 from scenarios.files import free_folder, write_json, write_whole
 from scenarios.parallel import mapping
@@ -44,25 +44,18 @@ def duration(text: str) -> float:
     return float(match[1]) * SECONDS[match[2]]
 
 
-def positive(text: str) -> float:
-    """A number of at least 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 1000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not valid; expected a number from 0")
-    return value
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `pickproof tune`."""
     add_scenario_arguments(parser)
     parser.epilog = "--set FIELD=LOW:HIGH searches a number of the scenario, --set FIELD=VALUE fixes it for old and new"
     parser.add_argument("--grasps", default="all", metavar="NAMES", help="all, none, or names with commas")
-    parser.add_argument("--shift", type=positive, default=8.0, metavar="MM", help="of a centre, along each axis (8)")
-    parser.add_argument("--turn", type=positive, default=15.0, metavar="DEG", help="about each axis of the tool (15)")
-    parser.add_argument("--errors", type=Path, metavar="FILE", help="evaluation.json with perception's errors")
+    parser.add_argument(
+        "--shift", type=number(0, 1000), default=8.0, metavar="MM", help="of a centre, along each axis (8)"
+    )
+    parser.add_argument(
+        "--turn", type=number(0, 1000), default=15.0, metavar="DEG", help="about each axis of the tool (15)"
+    )
+    parser.add_argument("--errors", type=some_path, metavar="FILE", help="evaluation.json with perception's errors")
     parser.add_argument("--generations", type=integer(1, 1000), default=8, metavar="N", help="of each grasp (8)")
     parser.add_argument("--rounds", type=integer(1, 1000), default=4, metavar="N", help="of whole cells (4)")
     parser.add_argument("--episodes", type=integer(1, 100_000), default=8, metavar="N", help="of a candidate (8)")
@@ -71,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=duration, metavar="TIME", help="as 30m or 2h; stages end early for it")
     parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="default: the scenario's")
     parser.add_argument("--ray", metavar="ADDRESS", help="run campaigns on a Ray cluster, as `pickproof run` does")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: out/tune-SCENARIO")
+    parser.add_argument("--out", type=folder_to_write, metavar="DIR", help="default: out/tune-SCENARIO")
     parser.add_argument("--resume", action="store_true", help="go on with the search in --out")
     parser.add_argument("--accept", action="store_true", help="write what --out proposes over table and scenario")
     parser.set_defaults(workers=1)

@@ -150,7 +150,7 @@ def test_stages_add_up_and_the_forward_pass_is_timed() -> None:
 def parsed(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     benchmark.add_arguments(parser)
-    args = parser.parse_args(["perception", "bracket", *words])
+    args = parser.parse_args(["bracket", *words])
     benchmark._check(args)
     return args
 
@@ -207,7 +207,7 @@ def test_weights_of_another_variant_are_refused(here: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "names"),
     [
-        (["--frames", "0"], ["--frames", "1 or more"]),
+        (["--frames", "0"], ["--frames", "1 to 10000"]),
         (["--workers", "0"], ["--workers"]),
         (["--frames", "2", "--ppf-frames", "3"], ["--ppf-frames", "at most --frames"]),
         (["--methods", "icp"], ["--methods", "icp", "ppr_net_pp"]),

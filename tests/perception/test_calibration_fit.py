@@ -125,8 +125,8 @@ def test_saved_model_keeps_its_record(own_bracket: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "names"),
     [
-        (["bracket", "--frames", "1"], ["--frames", "2 or more"]),
-        (["bracket", "--workers", "0"], ["--workers", "1 or more"]),
+        (["bracket", "--frames", "1"], ["--frames", "2 to 1000000"]),
+        (["bracket", "--workers", "0"], ["--workers", "1 to 256"]),
         (["bracket", "--out", "nowhere/score.json"], ["--out", "nowhere"]),
         (["bracket", "--weights", "none.safetensors"], ["none.safetensors", "pickproof train bracket"]),
         (["brackett"], ["brackett", "bracket"]),

@@ -1,7 +1,7 @@
 """An episode without physics, importable by name in worker processes: the campaign takes its runner as an argument.
 
 The gripper of the scenario says how it misbehaves: `slow`, `dies`, `dies_once:FILE`, `killed:FILE`, `hangs`, `broken`,
-`buggy` ...
+`buggy`, or `dies_at_once`, before the first attempt ...
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ GRASPS = ("long_side", "flange", "step")
 def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
     scenario, seed = job.scenario, job.seed
     rng = np.random.default_rng(seed)
+    if scenario.gripper == "dies_at_once":
+        raise SimulationError("a workpiece is at infinity")
     left, attempt = scenario.count, 0
     while left > 0 and attempt < scenario.stop.attempt_limit:
         if attempt == 2:

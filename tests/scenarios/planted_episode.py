@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cell.errors import SimulationError
 from scenarios.job import Job
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.scenario import Scenario
@@ -17,6 +18,8 @@ from scenarios.scenario import Scenario
 
 def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
     scenario, seed = job.scenario, job.seed
+    if scenario.gripper == "broken":
+        raise SimulationError("a workpiece is at infinity")
     luck = np.random.default_rng((seed, 1)).random(scenario.stop.attempt_limit)
     left, attempt = scenario.count, 0
     while left and attempt < scenario.stop.attempt_limit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from pathlib import Path
@@ -18,7 +19,7 @@ from cell.resting import resting_poses
 from cell.symmetry import Symmetry
 from cell.workpiece import load_workpiece
 from grasping.grasp_points import load_grasps
-from scenarios import onboard
+from scenarios import onboard, onboard_part
 from scenarios.cli import main
 from scenarios.onboard_part import search_symmetry, understand, write_workpiece
 from scenarios.onboard_propose import propose_cell, propose_heap, rank_grippers
@@ -193,3 +194,42 @@ def test_the_heap_is_sized_by_the_part_and_not_by_how_its_cad_lies() -> None:
         heaps.append(part.heap)
     assert heaps[0].count == heaps[1].count
     np.testing.assert_allclose(heaps[0].bin_inner, heaps[1].bin_inner, rtol=0.01)
+
+
+def trying(monkeypatch: pytest.MonkeyPatch, holds: int) -> tuple[list[int], list[str]]:
+    """Grasps tried of the bracket for a gripper each, and what is chosen, where every `holds`-th one holds.
+
+    The clock runs away by 1000 s with every look.
+    """
+    seconds = itertools.count(0.0, 1000.0)
+    for name in ("process_time", "monotonic", "perf_counter"):
+        monkeypatch.setattr(f"time.{name}", lambda: next(seconds))
+    counts: dict[str, int] = {}
+
+    def tried(workpiece, gripper, points):
+        before = counts.get(gripper.name, 0)
+        counts[gripper.name] = before + len(points)
+        return [p for i, p in enumerate(points, before) if holds and i % holds == 0]
+
+    workpiece = load_workpiece("bracket")
+    monkeypatch.setattr(onboard_part, "tried", tried)
+    monkeypatch.setattr(onboard_part, "in_order_of_use", lambda workpiece, gripper, points: points)
+    points = (load_grasps(workpiece, load_gripper("jaw_v1")).points * 40)[:72]
+    monkeypatch.setattr(onboard_part, "propose", lambda *_: list(points))
+    held = onboard_part.find_grasps(workpiece, propose_heap(workpiece.extents), lambda text: None)
+    return list(counts.values()), [p.name for p in held.points]
+
+
+def test_the_grasps_do_not_depend_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts, names = trying(monkeypatch, holds=2)
+    assert counts == [48] and len(names) == onboard_part.ENOUGH
+
+
+def test_the_grasps_that_are_tried_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts, names = trying(monkeypatch, holds=0)
+    assert set(counts) == {onboard_part.GIVEN_UP} and sum(counts) <= onboard_part.TRIES and names == []
+    counts, names = trying(monkeypatch, holds=30)  # the first, the 31st and the 61st
+    assert counts == [72] and len(names) == 3
+    monkeypatch.setattr(onboard_part, "TRIES", 50)
+    counts, names = trying(monkeypatch, holds=30)
+    assert counts == [50] and len(names) == 2

@@ -233,7 +233,7 @@ def _finish(command: list[str], words: list[str]) -> None:
 
 
 def _environment() -> dict[str, str]:
-    paths = [str(ROOT), str(ROOT / "tests" / "scenarios"), os.environ.get("PYTHONPATH", "")]
+    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 

@@ -1,4 +1,4 @@
-"""Prints the figures of docs/cell.md: `python tests/cell/measure_physics.py` (about a minute; CPU time of one core)."""
+"""Prints the figures of docs/cell.md: `python -m tests.cell.measure_physics` (about a minute; CPU time of one core)."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from grasp_cell import PLACE, R_DOWN, GraspCell
-from test_settle import BIN
 
-import cell.world
+from cell._pybullet import pybullet
 from cell.bin import table
 from cell.execute import close_jaws, finger_forces, held_parts, wait
 from cell.frames import make_transform
 from cell.settle import fill_bin
 from cell.workpiece import load_workpiece
 from cell.world import World
+from tests.cell.grasp_cell import PLACE, R_DOWN, GraspCell
+from tests.cell.test_settle import BIN
 
-WAKE = {"activationState": cell.world.pybullet.ACTIVATION_STATE_WAKE_UP}
+WAKE = {"activationState": pybullet.ACTIVATION_STATE_WAKE_UP}
 
 
 def cpu_ms(step: Callable[[], object], n: int) -> float:

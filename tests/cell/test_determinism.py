@@ -6,12 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from grasp_cell import GraspCell
-from test_settle import filled
-
 from cell.execute import close_jaws, open_jaws
+from tests.cell.grasp_cell import GraspCell
+from tests.cell.test_settle import filled
 
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def heap_and_pick() -> str:
@@ -31,8 +30,6 @@ def heap_and_pick() -> str:
 
 
 def test_two_processes_agree_bit_for_bit() -> None:
-    code = f"import sys; sys.path[:0] = [{str(HERE)!r}]; import test_determinism as t; print(t.heap_and_pick())"
-    other = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=HERE.parent.parent
-    )
+    code = "from tests.cell.test_determinism import heap_and_pick; print(heap_and_pick())"
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert other.stdout.split()[-1] == heap_and_pick()

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from grasp_cell import PLACE, R_DOWN, GraspCell
 
 from cell.errors import SimulationError
 from cell.execute import close_jaws, execute, finger_forces, held_parts, open_jaws, wait
 from cell.frames import make_transform
 from cell.observe import observe
+from tests.cell.grasp_cell import PLACE, R_DOWN, GraspCell
 
 OVER_PLACE = make_transform(R_DOWN, (*PLACE.position[:2], 0.2))
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from grasp_cell import GraspCell
 
 from cell.execute import close_jaws, jaw_times, open_jaws
+from tests.cell.grasp_cell import GraspCell
 
 WIDTH, OPENING, RELEASED = 0.018, 0.030, 0.046
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from block import write_block
 from scipy.spatial import ConvexHull
 
 from cell.bin import table
@@ -26,6 +25,7 @@ from cell.pieces import (
 )
 from cell.workpiece import load_workpiece
 from cell.world import World
+from tests.cell.block import write_block
 
 CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T / 2
 BLOCK_HULL = CORNERS * (0.04, 0.03, 0.02)

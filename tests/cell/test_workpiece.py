@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from block import write_block
 
 from cell.errors import InputError
 from cell.workpiece import Workpiece, list_workpieces, load_workpiece
+from tests.cell.block import write_block
 
 
 @pytest.fixture

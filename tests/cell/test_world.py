@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from block import skew_mesh, write_block
 
 from cell.bin import Box, table
 from cell.errors import SimulationError
 from cell.frames import from_rpy, make_transform, random_rotations
 from cell.workpiece import Workpiece, load_workpiece
 from cell.world import GRAVITY, World, engine_friction
+from tests.cell.block import skew_mesh, write_block
 
 NewWorld = Callable[..., World]
 

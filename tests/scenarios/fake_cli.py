@@ -3,7 +3,7 @@
 import sys
 
 if __name__ == "__main__":  # worker processes import this file too, and need no more of it
-    import fake_episode
+    from tests.scenarios import fake_episode
 
     sys.modules["scenarios.episode"] = fake_episode
     import scenarios.workcell

@@ -3,7 +3,7 @@
 import sys
 import types
 
-import planted_episode
+from tests.scenarios import planted_episode
 
 if __name__ == "__main__":
     sys.modules["scenarios.episode"] = planted_episode

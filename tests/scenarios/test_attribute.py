@@ -4,7 +4,6 @@ import json
 from io import StringIO
 
 import numpy as np
-import planted_oracles
 import pytest
 from rich.console import Console
 
@@ -16,6 +15,7 @@ from scenarios.paired import Outcome
 from scenarios.scenario import load_scenario
 from scenarios.statistics import wilson
 from scenarios.store import FILE
+from tests.scenarios import planted_oracles
 
 FILES = [f"{k}.sqlite" for k in range(4)]
 

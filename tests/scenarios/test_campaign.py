@@ -1,7 +1,6 @@
 import shutil
 
 import pytest
-from fake_episode import run_episode
 
 from cell.errors import InputError, PickproofError
 from cell.workpiece import SHIPPED
@@ -10,6 +9,7 @@ from scenarios.records import Reason
 from scenarios.scenario import load_scenario
 from scenarios.store import Store, record_hash
 from scenarios.summary import summarise
+from tests.scenarios.fake_episode import run_episode
 
 
 def campaign(out, episodes=2, workers=1, gripper="jaw_v1", count=6, **options):

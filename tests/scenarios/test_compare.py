@@ -1,12 +1,12 @@
 import json
 
 import pytest
-from planted_episode import write_campaign
 
 from cell.errors import InputError
 from scenarios.cli import main
 from scenarios.compare import compare, verdict_line
 from scenarios.scenario import load_scenario
+from tests.scenarios.planted_episode import write_campaign
 
 
 @pytest.fixture

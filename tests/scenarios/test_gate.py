@@ -5,7 +5,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from planted_episode import run_episode, write_campaign
 
 from cell.errors import InputError
 from scenarios.baseline import Execution, baseline_of, read_baseline, write_baseline
@@ -13,6 +12,7 @@ from scenarios.cli import main
 from scenarios.gate import junit, run_gate
 from scenarios.scenario import load_scenario
 from scenarios.sequential import Rule
+from tests.scenarios.planted_episode import run_episode, write_campaign
 
 PLANTED = [sys.executable, str(Path(__file__).with_name("planted_cli.py"))]
 

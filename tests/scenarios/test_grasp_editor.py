@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
 
 from cell.frames import from_quat_xyzw, make_transform
 from cell.gripper import load_gripper
@@ -20,6 +19,7 @@ from scenarios.grasp_editor import GraspEditor
 from scenarios.grasp_film import HeapCell, try_free
 from scenarios.grasp_geometry import frame_of
 from scenarios.grasp_trial import TrialCell
+from tests.scenarios.browser import CHROMIUM, Browser
 
 BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
 PATIENCE = 240.0  # [s] that a busy machine may take

@@ -2,7 +2,6 @@ import re
 import subprocess
 
 import pytest
-from planted_episode import write_campaign
 
 from cell.errors import InputError
 from scenarios.cli import main
@@ -10,6 +9,7 @@ from scenarios.index import find_runs, read_run
 from scenarios.provenance import git_commit
 from scenarios.report_figures import library
 from scenarios.scenario import load_scenario
+from tests.scenarios.planted_episode import write_campaign
 
 
 def test_runs_are_in_order_of_time_with_their_commits(tmp_path):

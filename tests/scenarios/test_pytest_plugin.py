@@ -1,5 +1,4 @@
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -29,7 +28,7 @@ STRICT = """
 CONFTEST = """
     import sys
     import types
-    import planted_episode
+    from tests.scenarios import planted_episode
 
     sys.modules["scenarios.episode"] = planted_episode
     # a planted episode reads no files, and the real work cell takes seconds to import
@@ -40,7 +39,7 @@ CONFTEST = """
 @pytest.fixture
 def suite(pytester, monkeypatch):
     """A user's suite with planted episodes, run in a process of its own."""
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "tests" / "scenarios")]))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     pytester.makeconftest(CONFTEST)
 
     def run(*words, rate=0.95, episodes=160, more="", body=SUITE):

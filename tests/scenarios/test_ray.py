@@ -6,8 +6,6 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from fake_episode import run_episode
-from sockets import listening, on_loopback
 
 from cell.errors import InputError
 from scenarios.campaign import run_campaign
@@ -16,6 +14,8 @@ from scenarios.scenario import load_scenario
 from scenarios.store import Store
 from scenarios.summary import summarise
 from tests.benchmarks.faults import FAKE, SLOW, Nodes, storm
+from tests.scenarios.fake_episode import run_episode
+from tests.scenarios.sockets import listening, on_loopback
 
 # not imported here: Ray reads how far it may be seen when it is imported
 needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="pickproof[cluster] is not installed")

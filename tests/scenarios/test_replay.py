@@ -10,8 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
-from sockets import listening, on_loopback
 from test_report import meta
 
 from cell.arm import Arm
@@ -31,6 +29,8 @@ from scenarios.replay_page import ReplayPage
 from scenarios.scenario import list_scenarios, load_scenario, scenario_json
 from scenarios.store import Store
 from scenarios.tape import PERIOD, Keep
+from tests.scenarios.browser import CHROMIUM, Browser
+from tests.scenarios.sockets import listening, on_loopback
 
 SEED, LIMIT = 5, 300_000
 

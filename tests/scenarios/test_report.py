@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import CHROMIUM, Browser
-from fake_episode import fake_attempt, run_episode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +18,8 @@ from scenarios.scenario import load_scenario, scenario_hash, scenario_json
 from scenarios.store import Store
 from scenarios.summary import summarise
 from scenarios.tree_counts import condensed, verdict_counts
+from tests.scenarios.browser import CHROMIUM, Browser
+from tests.scenarios.fake_episode import fake_attempt, run_episode
 
 
 def meta(**changes):

@@ -3,7 +3,6 @@ import subprocess
 import sys
 
 import pytest
-from planted_episode import write_campaign
 
 from cell.errors import InputError
 from scenarios import Campaign
@@ -11,6 +10,7 @@ from scenarios.cli import main
 from scenarios.scenario import load_scenario
 from scenarios.store import Store
 from scenarios.summary import summarise
+from tests.scenarios.planted_episode import write_campaign
 
 
 @pytest.fixture

@@ -3,12 +3,12 @@ import sqlite3
 
 import numpy as np
 import pytest
-from fake_episode import fake_attempt
 
 from cell.errors import InputError
 from scenarios.files import StoreError
 from scenarios.records import EpisodeRecord
 from scenarios.store import FILE, SCHEMA_VERSION, Store, record_hash
+from tests.scenarios.fake_episode import fake_attempt
 
 META = {"seed": 0, "oracle": []}
 

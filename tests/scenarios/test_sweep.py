@@ -2,13 +2,13 @@ import json
 import sys
 import types
 
-import planted_episode
 import pytest
 
 from cell.errors import InputError
 from scenarios.cli import main
 from scenarios.store import FILE
 from scenarios.sweep import parse_axis, plan
+from tests.scenarios import planted_episode
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import planted_episode
-import planted_tune
 import pytest
 
 from cell.frames import make_transform
@@ -44,6 +42,7 @@ from scenarios.tune_space import (
     with_fields,
 )
 from scenarios.tune_trial import GraspTask, draw_errors, straddled, try_point
+from tests.scenarios import planted_episode, planted_tune
 
 TABLE = SHIPPED / "workpieces" / "bracket" / "grasps.yaml"
 POINTS = {p.name: p for p in read_table(TABLE).grasps}

@@ -17,13 +17,13 @@ def bracket() -> Workpiece:
 
 
 @pytest.fixture(scope="session")
-def jaw() -> Gripper:
+def gripper() -> Gripper:
     return load_gripper("jaw_v1")
 
 
 @pytest.fixture(scope="session")
-def poses(bracket: Workpiece, jaw: Gripper) -> GraspPoses:
-    return load_grasps(bracket, jaw)
+def poses(bracket: Workpiece, gripper: Gripper) -> GraspPoses:
+    return load_grasps(bracket, gripper)
 
 
 @pytest.fixture(scope="session")

@@ -23,8 +23,8 @@ NOTHING = np.zeros((0, 3))
 class Chooser:
     """`select` for the bracket, with defaults for what a test does not care about."""
 
-    def __init__(self, bracket: Workpiece, jaw: Gripper, poses: GraspPoses, source: Bin) -> None:
-        self.bracket, self.jaw, self.poses, self.source = bracket, jaw, poses, source
+    def __init__(self, bracket: Workpiece, gripper: Gripper, poses: GraspPoses, source: Bin) -> None:
+        self.bracket, self.gripper, self.poses, self.source = bracket, gripper, poses, source
 
     def __call__(self, Ts: Array, points: Array = NOTHING, **changes: Any) -> Selection:
         k = len(Ts)
@@ -33,7 +33,7 @@ class Chooser:
         weights = GraspingConfig.model_validate(changes.get("weights", {}))
         poses = changes.get("poses", self.poses)
         where = changes.get("bin", self.source)
-        return select(Ts, scores, avoided, poses, self.bracket, self.jaw, where, points, weights, changes.get("errors"))
+        return select(Ts, scores, avoided, poses, self.bracket, self.gripper, where, points, weights, changes.get("errors"))
 
     def lying(self, x: float = 0.0, y: float = 0.0, z: float = 0.008, yaw: float = 0.0) -> Array:
         """A bracket flat on its plate at a place of the bin."""
@@ -46,8 +46,8 @@ class Chooser:
 
 
 @pytest.fixture
-def choose(bracket: Workpiece, jaw: Gripper, poses: GraspPoses, source: Bin) -> Chooser:
-    return Chooser(bracket, jaw, poses, source)
+def choose(bracket: Workpiece, gripper: Gripper, poses: GraspPoses, source: Bin) -> Chooser:
+    return Chooser(bracket, gripper, poses, source)
 
 
 def reasons(selection: Selection, estimate: int) -> dict[str, int]:
@@ -118,7 +118,7 @@ def test_candidates_are_what_they_claim(choose: Chooser) -> None:
     for c in selection.candidates:
         np.testing.assert_allclose(c.T_world_tool, Ts[c.estimate] @ c.T_part_tool, atol=1e-12)
         assert -c.T_world_tool[2, 2] >= np.cos(np.deg2rad(MAX_TILT_DEG))
-        shape = OpenGripper.of(choose.jaw.boxes(c.opening))
+        shape = OpenGripper.of(choose.gripper.boxes(c.opening))
         assert not shape.hits_bin(c.T_world_tool[None], choose.source).any()
         near = points[np.linalg.norm(points - Ts[c.estimate][:3, 3], axis=1) < 0.05]
         others = without_workpiece(near, Ts[c.estimate], choose.bracket)

@@ -40,8 +40,8 @@ def penetration(points_world: Array, bin: Bin) -> float:
     return float(np.maximum(-p[:, 2], np.minimum(beyond, lz - p[:, 2])).max())
 
 
-def test_hits_bin_is_what_dense_points_of_the_gripper_say(jaw: Gripper, source: Bin) -> None:
-    boxes = jaw.boxes(0.03)
+def test_hits_bin_is_what_dense_points_of_the_gripper_say(gripper: Gripper, source: Bin) -> None:
+    boxes = gripper.boxes(0.03)
     points = solid(boxes, 0.0015)
     Ts = around(source, 400, seed=1)
     quick = OpenGripper.of(boxes).hits_bin(Ts, source)
@@ -83,11 +83,11 @@ def test_floor_walls_and_rim_by_hand(source: Bin, where: tuple[float, float, flo
     assert shape.hits_bin(T[None], source).tolist() == [hit]
 
 
-def test_hits_points_is_what_one_box_at_a_time_says(jaw: Gripper, source: Bin) -> None:
+def test_hits_points_is_what_one_box_at_a_time_says(gripper: Gripper, source: Bin) -> None:
     rng = np.random.default_rng(2)
     points = source.position + rng.uniform([-0.1, -0.1, 0.0], [0.1, 0.1, 0.2], (25, 3))
     Ts = around(source, 200, seed=3)
-    boxes = jaw.boxes(0.02)
+    boxes = gripper.boxes(0.02)
     slow = []
     for T in Ts:
         hit = False
@@ -99,16 +99,16 @@ def test_hits_points_is_what_one_box_at_a_time_says(jaw: Gripper, source: Bin) -
     assert 0.05 < np.mean(slow) < 0.95
 
 
-def test_nothing_to_hit_and_nobody_to_hit(jaw: Gripper, source: Bin) -> None:
-    shape = OpenGripper.of(jaw.boxes(0.02))
+def test_nothing_to_hit_and_nobody_to_hit(gripper: Gripper, source: Bin) -> None:
+    shape = OpenGripper.of(gripper.boxes(0.02))
     Ts = around(source, 3, seed=0)
     assert shape.hits_points(Ts, np.zeros((0, 3))).tolist() == [False] * 3
     assert shape.hits_points(Ts[:0], np.ones((4, 3))).shape == (0,)
     assert shape.hits_bin(Ts[:0], source).shape == (0,)
 
 
-def test_a_point_between_the_jaws_is_free_and_one_in_a_finger_is_not(jaw: Gripper) -> None:
-    shape = OpenGripper.of(jaw.boxes(0.02))
+def test_a_point_between_the_jaws_is_free_and_one_in_a_finger_is_not(gripper: Gripper) -> None:
+    shape = OpenGripper.of(gripper.boxes(0.02))
     points = np.array([[0.0, 0.0, -0.01], [0.0125, 0.0, -0.01]])
     for point, hit in zip(points, (False, True), strict=True):
         assert shape.hits_points(np.eye(4)[None], point[None]).tolist() == [hit]

@@ -191,13 +191,13 @@ def test_shipped_pads_meet_material_on_both_sides(name: str) -> None:
     On a round the pad touches along a line, and the strip within 0.3 mm of it is what counts. Freeform workpieces touch
     in points, grooves hold by their flanks, cups by their rim: those are left to the physics.
     """
-    workpiece, jaw = load_workpiece(name), gripper_of(name)
-    if not isinstance(jaw, ParallelJaw) or jaw.groove is not None or name in FREEFORM:
+    workpiece, gripper = load_workpiece(name), gripper_of(name)
+    if not isinstance(gripper, ParallelJaw) or gripper.groove is not None or name in FREEFORM:
         pytest.skip("held in points, by the flanks of a groove, or by a rim")
     surface, normals = workpiece.sample_surface(int(workpiece.mesh.area / 0.5e-6), seed=3)
     per_point = workpiece.mesh.area / len(surface)
-    _, finger_width, finger_length = jaw.finger_size
-    for grasp, T in unlike_poses(workpiece, jaw):
+    _, finger_width, finger_length = gripper.finger_size
+    for grasp, T in unlike_poses(workpiece, gripper):
         p, n = apply(invert(T), surface), normals @ T[:3, :3]
         on_pad = (np.abs(p[:, 1]) < finger_width / 2) & (p[:, 2] < 0) & (p[:, 2] > -finger_length)
         for side in (-1, 1):
@@ -277,32 +277,32 @@ def write(folder: Path, grasps: list[dict[str, Any]], gripper: str = "jaw_v1") -
     ],
 )
 def test_bad_entries_name_file_field_and_value(
-    tmp_path: Path, bracket: Workpiece, jaw: Gripper, change: dict[str, Any], names: list[str]
+    tmp_path: Path, bracket: Workpiece, gripper: Gripper, change: dict[str, Any], names: list[str]
 ) -> None:
     path = write(tmp_path, [PLAIN | change])
     with pytest.raises(InputError) as caught:
-        load_grasps(replace(bracket, folder=tmp_path), jaw)
+        load_grasps(replace(bracket, folder=tmp_path), gripper)
     for name in [str(path), *names]:
         assert name in str(caught.value)
 
 
-def test_bad_files(tmp_path: Path, bracket: Workpiece, jaw: Gripper) -> None:
+def test_bad_files(tmp_path: Path, bracket: Workpiece, gripper: Gripper) -> None:
     mine = replace(bracket, folder=tmp_path)
     with pytest.raises(InputError, match=r"grasps\.yaml.*missing file"):
-        load_grasps(mine, jaw)
+        load_grasps(mine, gripper)
     write(tmp_path, [PLAIN], gripper="suction_v9")
     with pytest.raises(InputError, match=r"gripper: 'suction_v9'.*jaw_v1"):
-        load_grasps(mine, jaw)
+        load_grasps(mine, gripper)
     write(tmp_path, [PLAIN, PLAIN])
     with pytest.raises(InputError, match=r"grasps\.1\.name: 'g'.*a name of its own"):
-        load_grasps(mine, jaw)
+        load_grasps(mine, gripper)
     write(tmp_path, [])
     with pytest.raises(InputError, match=r"grasps.*at least 1"):
-        load_grasps(mine, jaw)
+        load_grasps(mine, gripper)
 
 
-def test_the_shortest_entry_takes_the_defaults(tmp_path: Path, bracket: Workpiece, jaw: Gripper) -> None:
+def test_the_shortest_entry_takes_the_defaults(tmp_path: Path, bracket: Workpiece, gripper: Gripper) -> None:
     write(tmp_path, [{k: PLAIN[k] for k in ("name", "centre", "approach", "closing", "width")}])
-    out = load_grasps(replace(bracket, folder=tmp_path), jaw)
+    out = load_grasps(replace(bracket, folder=tmp_path), gripper)
     assert len(out.index) == 2  # flipped and not
     np.testing.assert_allclose(out.openings, 0.015)

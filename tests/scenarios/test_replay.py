@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_report import meta
 
 from cell.arm import Arm
 from cell.camera import look_at
@@ -31,6 +30,7 @@ from scenarios.store import Store
 from scenarios.tape import PERIOD, Keep
 from tests.scenarios.browser import CHROMIUM, Browser
 from tests.scenarios.sockets import listening, on_loopback
+from tests.scenarios.test_report import meta
 
 SEED, LIMIT = 5, 300_000
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from planted_episode import write_campaign
 
 from cell.errors import InputError
 from scenarios import store as module
@@ -20,6 +19,7 @@ from scenarios.files import StoreError
 from scenarios.records import AttemptRecord
 from scenarios.scenario import load_scenario
 from scenarios.store import FILE, Store
+from tests.scenarios.planted_episode import write_campaign
 
 NOBODY = 65534
 ATTEMPTS = 12

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from planted_episode import write_campaign
 
 from scenarios import cli
 from scenarios.baseline import baseline_of, write_baseline
 from scenarios.scenario import load_scenario
+from tests.scenarios.planted_episode import write_campaign
 
 HERE = Path(__file__).parent
 FAKE = [sys.executable, str(HERE / "fake_cli.py")]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +12,11 @@ from pydantic import Field, field_validator
 
 from cell.config import Config, parse
 from cell.errors import InputError
-from scenarios.arguments import MAX_SEED, add_change_arguments, file_to_write, folder_to_write, integer
-from scenarios.broken import check_ran
 from scenarios.campaign import Event, run_campaign
 from scenarios.files import write_whole
 from scenarios.job import Runner
 from scenarios.paired import MEASURES, Measure, Outcome, outcomes
-from scenarios.scenario import Scenario, load_scenario, weights_used
+from scenarios.scenario import Scenario, weights_used
 from scenarios.store import FILE, Store
 
 COLUMNS = ("seed", "dropped", "picked", "attempts", "successes", "first")
@@ -185,44 +181,3 @@ class Execution:
             resume=self.resume,
             command=self.command,
         )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof baseline`."""
-    parser.add_argument(
-        "source", metavar="SCENARIO|DIR", help="a scenario to run, or the folder of a campaign that was run"
-    )
-    parser.add_argument("--baseline", type=file_to_write, metavar="FILE", help="default: NAME.baseline.json")
-    parser.add_argument("--episodes", type=integer(1, 100_000), default=200, metavar="N", help="bins (default 200)")
-    parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    parser.add_argument("--whole", action="store_true", help="run whole episodes, not their first attempts alone")
-    parser.add_argument(
-        "--out", type=folder_to_write, metavar="DIR", help="results of the run; default: out/baseline-SCENARIO"
-    )
-    parser.add_argument("--resume", action="store_true", help="continue the run in --out")
-    add_change_arguments(parser)
-
-
-def main(args: argparse.Namespace) -> int:
-    """`pickproof baseline SCENARIO|DIR`."""
-    folder = Path(args.source)
-    baseline = baseline_of(folder) if (folder / FILE).is_file() else _run(args)
-    path = write_baseline(args.baseline or Path(f"{baseline.name}.baseline.json"), baseline)
-    first = sum(o.first for o in baseline.outcomes)
-    print(f"wrote {path}: {len(baseline.rows)} episodes, {first} first attempts succeeded")
-    return 0
-
-
-def _run(args: argparse.Namespace) -> Baseline:
-    from scenarios.episode import run_episode
-    from scenarios.workcell import check_inputs
-
-    scenario = load_scenario(args.source, args.set)
-    oracle = frozenset(args.oracle)
-    check_inputs(scenario, oracle)
-    out = args.out or Path("out") / f"baseline-{scenario.name}"
-    how = Execution(out, run_episode, args.workers, oracle, args.resume, f"pickproof {shlex.join(args.words)}")
-    seed = scenario.seed if args.seed is None else args.seed
-    how.run(scenario, "success" if args.whole else "first_attempt", seed, args.episodes)
-    check_ran(out)
-    return baseline_of(out)

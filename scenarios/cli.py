@@ -27,23 +27,24 @@ Command = tuple[str, str, str]
 """Module with `add_arguments`, its function that runs the command, and what the command does."""
 _COMMANDS: dict[str, Command] = {
     "run": ("scenarios.run", "main", "run episodes of a scenario and write DIR/results.sqlite and summary.json"),
-    "report": ("scenarios.report", "main", "write DIR/report.html from the results in DIR"),
-    "explain": ("scenarios.explain", "main", "why one attempt did what it did: estimates, grasps, verdicts"),
-    "index": ("scenarios.index", "main", "one page over many runs, with the trend of the rate"),
+    "report": ("scenarios.report_command", "main", "write DIR/report.html from the results in DIR"),
+    "explain": ("scenarios.explain_command", "main", "why one attempt did what it did: estimates, grasps, verdicts"),
+    "index": ("scenarios.index_command", "main", "one page over many runs, with the trend of the rate"),
     "replay": ("scenarios.replay", "main", "one attempt in 3-D in the browser, or as a film"),
     "export-program": (
         "scenarios.export_program", "main", "the motion of one attempt as a Fanuc TP program (.LS)"
     ),
     "export": ("scenarios.export", "main", "the attempts of a campaign as a Parquet file"),
-    "compare": ("scenarios.compare", "main", "compare two campaigns over the same bins"),
-    "baseline": ("scenarios.baseline", "main", "write a small JSON file that a gate compares with"),
+    "compare": ("scenarios.compare_command", "main", "compare two campaigns over the same bins"),
+    "baseline": ("scenarios.baseline_command", "main", "write a small JSON file that a gate compares with"),
     "gate": (
-        "scenarios.gate", "main", "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided"
+        "scenarios.gate_command", "main",
+        "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
     ),
     "attribute": (
         "scenarios.attribute", "main", "what perception, grasp choice and motion each cost, and what to mend first"
     ),
-    "sweep": ("scenarios.sweep", "main", "run a scenario for every combination of values"),
+    "sweep": ("scenarios.sweep_command", "main", "run a scenario for every combination of values"),
     "tune": (
         "scenarios.tune", "main",
         "move grasp points, weights and fields until more picks succeed, proved over unseen bins",
@@ -68,7 +69,7 @@ _BENCHMARKS: dict[str, Command] = {
     "perception": ("perception.benchmark", "main_benchmark", "PS6D, its peers and its ablations on held-out heaps"),
     "motion": ("scenarios.benchmark_motion", "main_benchmark_motion", "cycle times beside their lower bound"),
     "campaign": ("scenarios.benchmark_campaign", "main", "attempts an hour of one core, and where their time goes"),
-    "gate": ("scenarios.gate_calibration", "main", "the gate's error rates and the coverage of the intervals"),
+    "gate": ("scenarios.gate_calibration_command", "main", "the gate's error rates and the coverage of the intervals"),
 }
 
 

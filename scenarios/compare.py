@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, norm
 
-from scenarios.arguments import file_to_write, some_path
-from scenarios.files import write_json
 from scenarios.inputs import changed as changed_names
 from scenarios.paired import Outcome, changed_fields, check_same_bins, outcomes, same_seeds
 from scenarios.records import AttemptRecord
@@ -235,20 +232,3 @@ def print_comparison(console: Console, c: Comparison, a: Path, b: Path) -> None:
         console.print(f"left out: {c.left_out} episodes that ended in one of the two only")
     console.print(f"differ: {', '.join(c.changed) or 'nothing that is recorded'}", soft_wrap=True, highlight=False)
     console.print(f"[bold]{verdict_line(c)}[/]", soft_wrap=True, highlight=False)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof compare`."""
-    parser.add_argument("a", type=some_path, metavar="A", help="folder of a campaign")
-    parser.add_argument("b", type=some_path, metavar="B", help="folder of another over the same bins")
-    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the comparison as JSON too")
-
-
-def main(args: argparse.Namespace) -> int:
-    """`pickproof compare A B`."""
-    comparison = compare(args.a, args.b)
-    if args.json:
-        document: dict[str, Any] = {"a": str(args.a), "b": str(args.b), **asdict(comparison)}
-        write_json(args.json, document)
-    print_comparison(Console(), comparison, args.a, args.b)
-    return 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -15,33 +13,11 @@ from rich.tree import Tree
 
 from cell.errors import InputError
 from grasping.verdict import CHOSEN, MEANING, Verdict
-from scenarios.arguments import some_path
 from scenarios.records import MEANING as REASONS
 from scenarios.records import AttemptRecord
-from scenarios.store import Store
 from scenarios.tree_counts import verdict_counts
 
 ESTIMATES_SHOWN = 12
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Of the command `explain`."""
-    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
-    parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
-    parser.add_argument("--all", action="store_true", help=f"all estimates, not the first {ESTIMATES_SHOWN}")
-    parser.add_argument("--json", action="store_true", help="print the tree as JSON")
-
-
-def main(args: argparse.Namespace) -> int:
-    """Run the command; returns the exit code."""
-    with Store.read(args.directory) as store:
-        attempt = nth_attempt(store.attempts(), args.attempt)
-    if args.json:
-        head = {"seed": attempt.seed, "attempt": attempt.attempt, "success": attempt.success, "reason": attempt.reason}
-        print(json.dumps(head | {"grasp": attempt.grasp, "tree": attempt.tree}, indent=2))
-    else:
-        explain(attempt, int(args.attempt), Console(), None if args.all else ESTIMATES_SHOWN)
-    return 0
 
 
 def nth_attempt(attempts: Sequence[AttemptRecord], n: str | int) -> AttemptRecord:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -14,8 +13,6 @@ from scipy.special import expit
 from scipy.stats import beta
 
 from cell.frames import Array
-from scenarios.arguments import file_to_write, integer
-from scenarios.files import write_json
 from scenarios.sequential import Rule, decide
 from scenarios.statistics import cluster_intervals, difference_intervals, wilson
 
@@ -188,21 +185,3 @@ def _table(console: Console, rows: Sequence[dict[str, Any]], columns: Sequence[s
     for row in rows:
         table.add_row(*(f"{row[c]:.4g}" if isinstance(row[c], float) else str(row[c]) for c in columns))
     console.print(table)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof benchmark gate`."""
-    parser.add_argument(
-        "--campaigns", type=integer(10, 1_000_000), default=10_000, metavar="N", help="simulated gates (default 10000)"
-    )
-    parser.add_argument("--seed", type=integer(0, 2**31 - 1), default=0, metavar="S", help="of the simulation")
-    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures as JSON")
-
-
-def main(args: argparse.Namespace) -> int:
-    """`pickproof benchmark gate`."""
-    found = calibrate(args.campaigns, args.seed)
-    print_tables(Console(), found)
-    if args.json:
-        write_json(args.json, found)
-    return 0

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from cell.errors import InputError
 from cell.page import page_template
-from scenarios.arguments import file_to_write, some_path
 from scenarios.files import write_whole
 from scenarios.report import FILE as REPORT
 from scenarios.report_figures import as_json, library, trend
@@ -83,16 +79,3 @@ def _trend(runs: Sequence[Run]) -> Any:
 
 def _short(commit: str) -> str:
     return commit[:10] + "+" * commit.endswith("+")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Of the command `index`."""
-    parser.add_argument("directories", type=some_path, nargs="+", metavar="DIR", help="of a run, or with runs below it")
-    parser.add_argument("--out", type=file_to_write, default=OUT, metavar="FILE", help=f"default: {OUT}")
-
-
-def main(args: argparse.Namespace) -> int:
-    """Run the command; returns the exit code."""
-    runs = [read_run(folder, args.out) for folder in find_runs(args.directories)]
-    Console().print(f"wrote {write_index(runs, args.out)}: {len(runs)} runs", soft_wrap=True)
-    return 0

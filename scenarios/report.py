@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +10,6 @@ from typing import Any
 
 from cell.page import page_template, png_uri
 from grasping.verdict import CHOSEN
-from scenarios.arguments import file_to_write, some_path
 from scenarios.artefact import path_of
 from scenarios.files import write_whole
 from scenarios.records import MEANING, NO_PICK_REASONS, AttemptRecord
@@ -167,15 +165,3 @@ def _accuracy(attempts: Sequence[AttemptRecord]) -> dict[str, float] | None:
 
 def _readable(value: Any) -> str:
     return str(value).replace("_", " ")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof report`."""
-    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
-    parser.add_argument("--out", type=file_to_write, metavar="FILE", help=f"default: DIR/{FILE}")
-
-
-def main(args: argparse.Namespace) -> int:
-    """`pickproof report DIR`."""
-    print(f"wrote {write_report(args.directory, args.out)}")
-    return 0

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cell.frames import Array
+from cell.pose_error import point_distances, rotation_error
 from cell.symmetry import Symmetry
 from cell.workpiece import Workpiece
-from perception.metrics import point_distances, rotation_error
 
 VISIBILITY_BINS = 10
 AXES = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cell.frames import Array
@@ -86,3 +88,22 @@ def _speed(robot: RobotModel, trajectory: Trajectory, T_flange_tool: Array, a: i
         return max(float(np.linalg.norm(ends[1] - ends[0])) / seconds, 0.001)
     share = float((np.abs(trajectory.q[b] - trajectory.q[a]) / robot.velocity).max()) / seconds
     return float(np.clip(share, 0.01, 1.0))
+
+
+def waypoints_to_json(waypoints: list[Waypoint]) -> list[dict[str, Any]]:
+    """The form in which a record keeps waypoints; angles in [rad]."""
+    return [
+        {
+            "q": [round(float(x), 7) for x in w.q],
+            "motion": w.motion,
+            "speed": round(w.speed, 4),
+            "cnt": w.cnt,
+            "gripper": w.gripper,
+        }
+        for w in waypoints
+    ]
+
+
+def waypoints_from_json(rows: list[dict[str, Any]]) -> list[Waypoint]:
+    """The inverse of `waypoints_to_json`."""
+    return [Waypoint(np.array(r["q"]), r["motion"], r["speed"], r["cnt"], r["gripper"]) for r in rows]

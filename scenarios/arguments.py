@@ -10,9 +10,8 @@ from pathlib import Path
 
 from cell.errors import InputError
 from cell.processes import FOLDERS
+from scenarios.oracles import ORACLES
 
-ORACLES = ("perception", "grasp", "motion")
-"""Stages that ground truth can replace, in the order of a pick; docs/statistics.md defines each."""
 MAX_SEED = 2**31 - 1
 
 

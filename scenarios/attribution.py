@@ -12,8 +12,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.arguments import ORACLES
 from scenarios.compare import Difference, cleared_of, counts_of, difference_of, points, span
+from scenarios.oracles import ORACLES
 from scenarios.paired import Outcome, same_seeds
 from scenarios.records import NO_PICK_REASONS, Reason
 from scenarios.summary import interval, percent

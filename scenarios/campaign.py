@@ -26,7 +26,7 @@ from scenarios.scenario import Scenario, scenario_hash, scenario_json
 from scenarios.store import Store
 
 if TYPE_CHECKING:
-    from scenarios.tape import Keep
+    from scenarios.keep import Keep
 
 RETRIES: dict[Kind, int] = {"broken": 0, "crashed": 1, "killed": 9}
 """How often an episode is run again after each kind of failure; a kill from outside says nothing about the episode."""

@@ -3,38 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
-import numpy as np
 from rich.console import Console
 
 from cell.errors import InputError
 from cell.gripper import load_gripper
 from robots.model import load_robot
-from robots.tp_program import Waypoint, write_program
+from robots.tp_program import write_program
+from robots.waypoints import waypoints_from_json
 from scenarios.arguments import file_to_write, integer, some_path
 from scenarios.explain import nth_attempt
 from scenarios.scenario import Scenario
 from scenarios.store import Store
-
-
-def as_json(waypoints: list[Waypoint]) -> list[dict[str, Any]]:
-    """The form in which a record keeps waypoints; angles in [rad]."""
-    return [
-        {
-            "q": [round(float(x), 7) for x in w.q],
-            "motion": w.motion,
-            "speed": round(w.speed, 4),
-            "cnt": w.cnt,
-            "gripper": w.gripper,
-        }
-        for w in waypoints
-    ]
-
-
-def from_json(rows: list[dict[str, Any]]) -> list[Waypoint]:
-    """The inverse of `as_json`."""
-    return [Waypoint(np.array(r["q"]), r["motion"], r["speed"], r["cnt"], r["gripper"]) for r in rows]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +42,7 @@ def main(args: argparse.Namespace) -> int:
     name = args.name or f"PICK_{int(args.attempt)}"
     robot, gripper = load_robot(scenario.robot), load_gripper(scenario.gripper)
     text = write_program(
-        robot, from_json(attempt.waypoints), gripper.T_flange_tool, name, scenario.name, output=args.output
+        robot, waypoints_from_json(attempt.waypoints), gripper.T_flange_tool, name, scenario.name, output=args.output
     )
     path = args.out or args.directory / f"{name}.LS"
     try:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.progress import track
 
@@ -21,10 +20,11 @@ from cell.frames import Array, from_rpy
 from cell.gripper import load_gripper
 from cell.tool import Gripper
 from cell.workpiece import Workpiece, load_workpiece
-from grasping.grasp_points import GraspPoint, GraspTable, load_grasps
+from grasping.grasp_points import load_grasps
 from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
 from scenarios.arguments import MAX_SEED, file_to_write, folder_to_write, integer, number, some_path
 from scenarios.files import write_whole
+from scenarios.grasp_table import table_text
 
 GRIPPER = "jaw_v1"
 HOST = "127.0.0.1"
@@ -219,13 +219,6 @@ def _robustness(args: argparse.Namespace) -> int:
         console.print(f"errors of perception are not known: pickproof evaluate {workpiece.name}", soft_wrap=True)
     console.print(f"wrote robustness.json and robustness.png to {out}", soft_wrap=True)
     return 0
-
-
-def table_text(points: list[GraspPoint], gripper: str, comment: str = "") -> str:
-    """The text of a grasps.yaml; fields that have their default are left out."""
-    table = GraspTable(gripper=gripper, grasps=points).model_dump(mode="json", exclude_defaults=True)
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
-    return head + str(yaml.safe_dump(table, sort_keys=False, default_flow_style=None, width=120))
 
 
 def _tool(args: argparse.Namespace) -> Array:

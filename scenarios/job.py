@@ -10,7 +10,7 @@ from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.scenario import Scenario
 
 if TYPE_CHECKING:  # at run time it would load the work cell, which a driver does not need
-    from scenarios.tape import Keep
+    from scenarios.keep import Keep
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,12 @@ from cell.symmetry_search import Degrees, FoundSymmetry
 from cell.workpiece import SHIPPED, load_workpiece, search_path
 from scenarios.arguments import number, some_path
 from scenarios.files import write_json, write_whole
-from scenarios.grasps import table_text
-from scenarios.onboard_page import page, record
+from scenarios.grasp_table import table_text
+from scenarios.onboard_page import listed_degrees, page, record, symmetry_lines
 from scenarios.onboard_part import (
     MATERIALS,
     claimed,
     find_grasps,
-    is_infinite,
     scenario_fields,
     scenario_text,
     search_symmetry,
@@ -76,7 +75,7 @@ def main(args: argparse.Namespace) -> int:
     degrees = _decided(args, found)
     if degrees != found.degrees:
         off = claimed(mesh, found, degrees)
-        say(f"symmetry taken as told: {_listed(degrees)}; off by {1000 * off:.2f} mm at most")
+        say(f"symmetry taken as told: {listed_degrees(degrees)}; off by {1000 * off:.2f} mm at most")
         if off > found.tolerance:
             say("the camera can tell that: poses will be taken for right that are not")
     part = understand(args.name, args.material, checked, mesh, found, degrees)
@@ -114,22 +113,6 @@ def main(args: argparse.Namespace) -> int:
     if fields:
         console.print(f"      pickproof run {args.name} --oracle perception --episodes 2{where}", soft_wrap=True)
     return 0
-
-
-def symmetry_lines(found: FoundSymmetry) -> list[str]:
-    """What was found, a line each."""
-    counts = f"{1000 * found.tolerance:.2f} mm is what the camera can tell"
-    lines = [f"symmetry: none; {counts}"]
-    if any(found.degrees):
-        lines = [f"symmetry: {_listed(found.degrees)}, off by {1000 * found.match.residual:.2f} mm at most; {counts}"]
-    for turn in found.near:
-        axis = " ".join(f"{x:.2f}" for x in turn.direction)
-        what = "any turn" if turn.order == 0 else f"{360 / turn.order:.4g} deg"
-        lines.append(
-            f"nearly symmetric: {what} about ({axis}), off by {1000 * turn.match.residual:.2f} mm at most on "
-            f"{100 * turn.match.share:.1f} % of the surface; perception will confuse these"
-        )
-    return lines + ([found.missing] if found.missing else [])
 
 
 def _target(args: argparse.Namespace) -> tuple[Path, Path]:
@@ -181,15 +164,6 @@ def _three(numbers: list[float], field: str) -> Degrees:
 
 def _millimetres(mesh: trimesh.Trimesh) -> str:
     return " x ".join(f"{1000 * e:.1f}" for e in mesh.extents) + " mm"
-
-
-def _listed(degrees: Degrees) -> str:
-    said = [
-        f"any turn about {axis}" if is_infinite(d) else f"{d:.4g} deg about {axis}"
-        for axis, d in zip("xyz", degrees, strict=True)
-        if d > 0
-    ]
-    return ", ".join(said) or "none"
 
 
 def _sayer(console: Console) -> Callable[[str], None]:

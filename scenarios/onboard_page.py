@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from cell.page import page_template, png_uri
+from cell.symmetry_search import Degrees, FoundSymmetry
 from cell.workpiece import Workpiece
-from scenarios.onboard_part import Held, Part, matrix_rows, scenario_text
+from scenarios.onboard_part import Held, Part, is_infinite, matrix_rows, scenario_text
 from scenarios.onboard_pictures import axes_picture, grasps_picture, pieces_picture, resting_picture
 
 
@@ -23,7 +24,6 @@ def page(
     seconds: float,
 ) -> str:
     """One self-contained HTML page."""
-    from scenarios.onboard import symmetry_lines
 
     pictures = {
         "axes": png_uri(axes_picture(part.mesh, part.found, part.degrees)),
@@ -86,3 +86,31 @@ def record(part: Part, workpiece: Workpiece, held: Held, source: str, unit: str)
         "gripper": held.gripper.name if held.gripper else None,
         "grasps": len(held.points),
     }
+
+
+def symmetry_lines(found: FoundSymmetry) -> list[str]:
+    """What was found, a line each."""
+    counts = f"{1000 * found.tolerance:.2f} mm is what the camera can tell"
+    lines = [f"symmetry: none; {counts}"]
+    if any(found.degrees):
+        lines = [
+            f"symmetry: {listed_degrees(found.degrees)}, off by {1000 * found.match.residual:.2f} mm at most; {counts}"
+        ]
+    for turn in found.near:
+        axis = " ".join(f"{x:.2f}" for x in turn.direction)
+        what = "any turn" if turn.order == 0 else f"{360 / turn.order:.4g} deg"
+        lines.append(
+            f"nearly symmetric: {what} about ({axis}), off by {1000 * turn.match.residual:.2f} mm at most on "
+            f"{100 * turn.match.share:.1f} % of the surface; perception will confuse these"
+        )
+    return lines + ([found.missing] if found.missing else [])
+
+
+def listed_degrees(degrees: Degrees) -> str:
+    """The symmetries about x, y and z in words."""
+    said = [
+        f"any turn about {axis}" if is_infinite(d) else f"{d:.4g} deg about {axis}"
+        for axis, d in zip("xyz", degrees, strict=True)
+        if d > 0
+    ]
+    return ", ".join(said) or "none"

@@ -10,6 +10,7 @@ import numpy as np
 from cell.execute import MotionLog
 from cell.frames import Array
 from cell.observe import Snapshot
+from cell.pose_error import point_distances, rotation_error
 from cell.workpiece import Workpiece
 from scenarios.records import Reason
 from scenarios.workcell import PLACE, SOURCE
@@ -95,8 +96,6 @@ def nearest_true(T_world_part: Array, truth: Array, workpiece: Workpiece) -> tup
     The error in [m] is the mean distance of CAD points (PS6D, eq. D_i), symmetry considered. Raises ValueError when
     there is no workpiece.
     """
-    from perception.metrics import point_distances, rotation_error
-
     points = workpiece.sample_surface(300, seed=2)[0]
     distance = point_distances(truth, np.broadcast_to(T_world_part, truth.shape), points, workpiece.symmetry).mean(-1)
     best = int(np.argmin(distance))

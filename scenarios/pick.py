@@ -15,10 +15,9 @@ from cell.frames import Array, invert, to_quat_xyzw
 from grasping.candidates import GraspCandidate
 from grasping.verdict import CHOSEN
 from robots.plan import PickPlan
-from robots.waypoints import waypoints_of
+from robots.waypoints import waypoints_of, waypoints_to_json
 from scenarios.choose import Estimates, choose
 from scenarios.decide import decide, stopped_at_place
-from scenarios.export_program import as_json
 from scenarios.memory import Memory
 from scenarios.move import move
 from scenarios.outcome import Evidence, judge, nearest_true
@@ -117,7 +116,7 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             "grasp": decision.candidate.point.name,
             "waypoints": None
             if "motion" in cell.oracle
-            else as_json(
+            else waypoints_to_json(
                 waypoints_of(
                     cell.robot,
                     decision.plan,

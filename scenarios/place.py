@@ -8,6 +8,7 @@ import numpy as np
 
 from cell.bin import Bin
 from cell.frames import Array, about_axis, apply, make_transform
+from cell.pose_error import rotation_error
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from grasping.clearance import OpenGripper
@@ -155,7 +156,5 @@ def place_error(T_world_part: Array, T_world_wanted: Array, workpiece: Workpiece
 
     The height is left out: a workpiece is let go just above what lies below.
     """
-    from perception.metrics import rotation_error
-
     off = float(np.linalg.norm((T_world_part - T_world_wanted)[:2, 3]))
     return off, float(rotation_error(T_world_wanted[:3, :3], T_world_part[:3, :3], workpiece.symmetry))

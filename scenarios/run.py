@@ -15,11 +15,12 @@ from scenarios.arguments import MAX_SEED, add_scenario_arguments, folder_to_writ
 from scenarios.broken import check_ran
 from scenarios.campaign import run_campaign
 from scenarios.files import free_folder
+from scenarios.keep import Keep
+from scenarios.live_view import LiveView
 from scenarios.records import AttemptRecord
 from scenarios.scenario import load_scenario, weights_used
 from scenarios.store import Store
-from scenarios.summary import FILE, LiveView, counted, print_summary, summarise, write_summary
-from scenarios.tape import Keep
+from scenarios.summary import FILE, counted, print_summary, summarise, write_summary
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

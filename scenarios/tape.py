@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from cell.camera import DepthFrame
 from grasping.candidates import Selection
 from grasping.verdict import CHOSEN, Verdict
 from scenarios.artefact import Artefact, Motion, matrices_to_poses, path_of, write_artefact
+from scenarios.keep import Keep
 from scenarios.records import AttemptRecord
 from scenarios.tree import planning_verdict
 
@@ -20,19 +19,9 @@ if TYPE_CHECKING:
     from scenarios.decide import Decision
     from scenarios.workcell import Workcell
 
-Which = Literal["failures", "all", "none"]
-KEPT: tuple[Which, ...] = get_args(Which)
 EVERY = 10
 """Of an episode's successes the first, the eleventh, ... are kept beside its failures and no-picks."""
 PERIOD = 0.02  # [s] between two frames
-
-
-@dataclass(frozen=True)
-class Keep:
-    """Which attempts of a campaign are kept in its folder: failures with every EVERYth success, all, or none."""
-
-    directory: Path
-    which: Which = "failures"
 
 
 class Tape:

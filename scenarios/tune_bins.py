@@ -10,7 +10,7 @@ from grasping.grasp_points import GraspPoint
 from scenarios.campaign import run_campaign
 from scenarios.compare import Comparison, compare
 from scenarios.files import free_folder, write_whole
-from scenarios.grasps import table_text
+from scenarios.grasp_table import table_text
 from scenarios.paired import Outcome, outcomes
 from scenarios.pool import Runner
 from scenarios.scenario import Scenario, scenario_json, weights_used

@@ -22,7 +22,7 @@ from cell.workpiece import load_workpiece
 from grasping.grasp_points import GraspPoint, read_table
 from scenarios.cli import main as pickproof
 from scenarios.compare import Difference
-from scenarios.grasps import table_text
+from scenarios.grasp_table import table_text
 from scenarios.scenario import load_scenario
 from scenarios.tune_plan import HOLDOUT
 

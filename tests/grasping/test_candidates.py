@@ -33,7 +33,9 @@ class Chooser:
         weights = GraspingConfig.model_validate(changes.get("weights", {}))
         poses = changes.get("poses", self.poses)
         where = changes.get("bin", self.source)
-        return select(Ts, scores, avoided, poses, self.bracket, self.gripper, where, points, weights, changes.get("errors"))
+        return select(
+            Ts, scores, avoided, poses, self.bracket, self.gripper, where, points, weights, changes.get("errors")
+        )
 
     def lying(self, x: float = 0.0, y: float = 0.0, z: float = 0.008, yaw: float = 0.0) -> Array:
         """A bracket flat on its plate at a place of the bin."""

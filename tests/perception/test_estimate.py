@@ -9,9 +9,10 @@ import pytest
 
 from cell.camera import DepthFrame
 from cell.frames import Array, about_axis, invert
+from cell.pose_error import point_distances
 from cell.sensor import measure
 from perception.estimate import Perception
-from perception.metrics import point_distances, visible_instances
+from perception.metrics import visible_instances
 from perception.refine import RefineResult
 from perception.scenes import heap_bin, overhead_view, render_heap
 from tests.perception.small_heaps import bracket, small_heaps

@@ -5,15 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cell.frames import make_transform, random_rotations
+from cell.pose_error import point_distances, rotation_error
 from cell.symmetry import Symmetry
 from cell.workpiece import load_workpiece
-from perception.metrics import (
-    point_distances,
-    rotation_error,
-    score_frame,
-    summarise,
-    visible_instances,
-)
+from perception.metrics import score_frame, summarise, visible_instances
 from tests.perception import artificial
 
 BRACKET = load_workpiece("bracket")

@@ -9,11 +9,11 @@ import pytest
 from cell.errors import InputError
 from cell.frames import Array, apply, invert, make_transform
 from cell.gripper import load_gripper
+from cell.pose_error import rotation_error
 from cell.symmetry import Symmetry
 from cell.workpiece import Workpiece, load_workpiece
 from grasping.clearance import OpenGripper
 from grasping.grasp_points import GraspPoses, load_grasps
-from perception.metrics import rotation_error
 from scenarios.episode import oracle_perception
 from scenarios.memory import Memory
 from scenarios.pattern import HOVER, PatternPlan

@@ -23,11 +23,12 @@ from scenarios.artefact import LENGTH_STEP, path_of, poses_to_matrices, read_art
 from scenarios.episode import run_episode
 from scenarios.film import SIZE, looking, pictures, record
 from scenarios.job import Job
+from scenarios.keep import Keep
 from scenarios.replay_data import Replayed
 from scenarios.replay_page import ReplayPage
 from scenarios.scenario import list_scenarios, load_scenario, scenario_json
 from scenarios.store import Store
-from scenarios.tape import PERIOD, Keep
+from scenarios.tape import PERIOD
 from tests.scenarios.browser import CHROMIUM, Browser
 from tests.scenarios.sockets import listening, on_loopback
 from tests.scenarios.test_report import meta

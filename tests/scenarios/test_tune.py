@@ -18,8 +18,8 @@ from cell.workpiece import load_workpiece
 from grasping.grasp_points import GraspPoint, first_pose, opening, read_table
 from scenarios import tune_bins
 from scenarios.cli import main
+from scenarios.grasp_table import table_text
 from scenarios.grasp_trial import TrialCell
-from scenarios.grasps import table_text
 from scenarios.parallel import mapping
 from scenarios.scenario import SHIPPED, Scenario, load_scenario
 from scenarios.store import FILE, Store

@@ -1,0 +1,24 @@
+"""Which attempts of a campaign are kept to look at again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+if TYPE_CHECKING:
+    pass
+
+
+Which = Literal["failures", "all", "none"]
+
+
+KEPT: tuple[Which, ...] = get_args(Which)
+
+
+@dataclass(frozen=True)
+class Keep:
+    """Which attempts of a campaign are kept in its folder: failures with every EVERYth success, all, or none."""
+
+    directory: Path
+    which: Which = "failures"

@@ -28,7 +28,7 @@ from robots.model import RobotModel
 from robots.plan import PickPlan, PickRequest
 from scenarios.arguments import file_to_write, integer
 from scenarios.choose import choose
-from scenarios.decide import Decision, decide
+from scenarios.decide import decide
 from scenarios.episode import oracle_perception
 from scenarios.files import write_json
 from scenarios.memory import Memory
@@ -36,6 +36,7 @@ from scenarios.move import release_opening
 from scenarios.planners import request_of
 from scenarios.scan import Scan
 from scenarios.scenario import Scenario, load_scenario
+from scenarios.stages import Decision
 from scenarios.workcell import Workcell
 
 PICKS_OF_A_BIN = 14

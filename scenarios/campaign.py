@@ -13,20 +13,18 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cell.errors import InputError
 from cell.numerics import check_processor
 from scenarios.inputs import changed, input_hashes, inputs_hash, versions
 from scenarios.job import Job, Runner
+from scenarios.keep import Keep
 from scenarios.pool import STALL_S, Event, Failure, Kind, Pool, Task
 from scenarios.provenance import provenance
 from scenarios.records import AttemptRecord, EpisodeRecord, Reason
 from scenarios.scenario import Scenario, scenario_hash, scenario_json
 from scenarios.store import Store
-
-if TYPE_CHECKING:
-    from scenarios.keep import Keep
 
 RETRIES: dict[Kind, int] = {"broken": 0, "crashed": 1, "killed": 9}
 """How often an episode is run again after each kind of failure; a kill from outside says nothing about the episode."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cell.camera import DepthFrame
@@ -13,26 +11,12 @@ from grasping.grasp_points import GraspPoses
 from scenarios.memory import Memory, waits_at
 from scenarios.motion_rank import with_motion
 from scenarios.scan import scene_points, true_points
+from scenarios.stages import Estimates
 from scenarios.workcell import Workcell
 
 KNOWN_SCORE = 0.7
 """Estimates from this score on count as bodies for the gripper, by points of their surface."""
 KNOWN_SPACING, KNOWN_SAMPLES = 0.006, (800, 12_000)  # [m] between such points, and how many there are of one body
-
-
-@dataclass(frozen=True)
-class Estimates:
-    """What perception hands to grasping, best first.
-
-    Attributes:
-        Ts_world_part: (k, 4, 4).
-        scores: (k,) in [0, 1].
-        residuals: (k,) root mean square distance of the measured surface to the CAD in [m].
-    """
-
-    Ts_world_part: Array
-    scores: Array
-    residuals: Array
 
 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, memory: Memory, attempt: int) -> Selection:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from typing import Literal
 
 from cell.camera import DepthFrame
 from grasping.candidates import GraspCandidate, Selection
@@ -15,7 +13,7 @@ from scenarios.memory import Memory
 from scenarios.planners import ArmPlanner, FreePlanner
 from scenarios.records import Reason
 from scenarios.rehearsal import REHEARSALS
-from scenarios.tree import RuledOut
+from scenarios.stages import Decision, RuledOut
 from scenarios.workcell import Workcell
 
 PLANS_TRIED = 60
@@ -24,20 +22,6 @@ PLANS_ELSEWHERE = 8
 """Of those that could be gripped, but not brought to any place offered: planned again to each further set of places."""
 PLANS_A_ROUND = 4
 """Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What to do: a candidate with its plan, or the reason why the arm does not move.
-
-    Attributes:
-        refused: index of a candidate in the selection -> why it was ruled out when its turn came.
-    """
-
-    candidate: GraspCandidate | None
-    plan: PickPlan | None
-    reason: Reason | Literal[""]
-    refused: dict[int, PlanFailure | RuledOut]
 
 
 def decide(cell: Workcell, frame: DepthFrame, selection: Selection, memory: Memory, seed: int) -> Decision:

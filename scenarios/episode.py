@@ -10,12 +10,12 @@ import numpy as np
 
 from cell.camera import DepthFrame
 from cell.workpiece import load_workpiece
-from scenarios.choose import Estimates
 from scenarios.job import Job
 from scenarios.memory import Memory
 from scenarios.pick import Perceive, attempt_pick
 from scenarios.records import AttemptRecord, End, EpisodeRecord, Reason
-from scenarios.tape import Tape
+from scenarios.stages import Estimates
+from scenarios.tape import Recorder
 from scenarios.workcell import SOURCE, Workcell
 
 ORACLE_PIXELS = 150
@@ -30,18 +30,22 @@ def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> Episod
     scenario, exact = job.scenario, "perception" in job.oracle
     perceive = oracle_perception if exact else ps6d(scenario.workpiece, scenario.perception.min_score)
     cell = Workcell.build(scenario, job.seed, job.pictures, job.oracle)
-    if job.keep is not None and job.keep.which != "none":
-        cell.tape = Tape(cell, job.keep)
+    recorder = Recorder(cell, job.keep) if job.keep is not None and job.keep.which != "none" else None
     try:
         memory = Memory.of(cell)
-        picked, attempts, end = _pick_until_end(cell, perceive, memory, job.seed, on_attempt)
+        picked, attempts, end = _pick_until_end(cell, perceive, memory, job.seed, on_attempt, recorder)
     finally:
         cell.close()
     return EpisodeRecord(job.seed, cell.dropped, picked, end, attempts, time.perf_counter() - start)
 
 
 def _pick_until_end(
-    cell: Workcell, perceive: Perceive, memory: Memory, seed: int, on_attempt: Callable[[AttemptRecord], None]
+    cell: Workcell,
+    perceive: Perceive,
+    memory: Memory,
+    seed: int,
+    on_attempt: Callable[[AttemptRecord], None],
+    recorder: Recorder | None,
 ) -> tuple[int, int, End]:
     """Successes, attempts with no-picks, and how it ended."""
     stop = cell.scenario.stop
@@ -49,7 +53,7 @@ def _pick_until_end(
     while attempts < stop.attempt_limit:
         if not cell.observe().parts_in(SOURCE):
             return picked, attempts, "cleared"
-        record = attempt_pick(cell, perceive, memory, seed, attempts)
+        record = attempt_pick(cell, perceive, memory, seed, attempts, recorder)
         on_attempt(record)
         attempts += 1
         picked += record.success

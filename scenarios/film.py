@@ -11,11 +11,11 @@ from PIL import Image
 from cell.arm import Arm
 from cell.bin import Bin
 from cell.errors import InputError
+from cell.floating_gripper import floating_arm
 from cell.frames import apply
 from cell.picture import cell_picture
 from cell.world import World
 from scenarios.files import StoreError
-from scenarios.gantry import gantry_arm
 from scenarios.replay_data import Replayed
 
 KINDS = (".gif", ".mp4", ".png")
@@ -54,7 +54,7 @@ def pictures(shown: Replayed, frames: np.ndarray) -> list[tuple[float, np.ndarra
         if shown.artefact.carrier == "arm":
             arm = Arm(world, shown.robot.urdf, shown.robot.joints, shown.gripper)
         else:
-            arm = gantry_arm(world, shown.gripper)
+            arm = floating_arm(world, shown.gripper)
         motion = shown.artefact.motion
         for T in motion.parts_at(0):
             world.add_part(shown.workpiece, T)

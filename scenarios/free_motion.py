@@ -6,36 +6,23 @@ No reach, no joint limits, no singularities, no arm that collides; docs/statisti
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cell.bin import Bin
+from cell.floating_gripper import floating_joints, floating_line
 from cell.frames import Array, make_transform
-from cell.tool import Gripper
 from grasping.candidates import GraspCandidate
 from grasping.clearance import OpenGripper, thin, without_workpiece
 from robots.failure import Cause, PlanFailure, Refusal, Stage
 from robots.plan import PickPlan
 from robots.trajectory import Trajectory
-from scenarios.gantry import gantry_joints, gantry_line
+from scenarios.memory import Memory
+from scenarios.workcell import Workcell
 
-if TYPE_CHECKING:
-    from scenarios.memory import Memory
-    from scenarios.workcell import Workcell
-
-HOME = 0.6  # [m] height of the TCP over the place bin before the first pick
 OVER = 0.05  # [m] between the rims and the lowest that a held workpiece can hang
 LONGEST = 0.4  # [m] of straight line to a grasp
 SAMPLES = 10  # of that line at which the gripper must be free
 RAISING = 2.0  # [m/s2]
-DOWN = np.diag([1.0, -1.0, -1.0])
-
-
-def free_home(place: Bin, gripper: Gripper) -> Array:
-    """Joints (6,) of the gantry before the first pick: over the place bin, the tool down."""
-    x, y, _ = place.position
-    return gantry_joints(make_transform(DOWN, (x, y, HOME)), gripper.T_flange_tool)
 
 
 def free_plan(
@@ -70,7 +57,7 @@ def free_plan(
 
 def free_raise(q: Array, height: float, dt: float) -> Array:
     """Straight up by `height` [m] from joints q (6,); (n, 6)."""
-    return gantry_line(q, q + np.array([0.0, 0.0, height, 0.0, 0.0, 0.0]), RAISING, dt)
+    return floating_line(q, q + np.array([0.0, 0.0, height, 0.0, 0.0, 0.0]), RAISING, dt)
 
 
 def _plan(
@@ -134,12 +121,12 @@ def _raised(T: Array, z: float) -> Array:
 
 
 def _joints(cell: Workcell, T: Array, near: Array | None = None) -> Array:
-    return gantry_joints(T, cell.gripper.T_flange_tool, near)
+    return floating_joints(T, cell.gripper.T_flange_tool, near)
 
 
 def _travel(stops: list[Array], acceleration: float, dt: float) -> Array:
     """Straight from stop to stop (n, 6), at rest at each."""
-    lines = [gantry_line(a, b, acceleration, dt) for a, b in pairwise(stops)]
+    lines = [floating_line(a, b, acceleration, dt) for a, b in pairwise(stops)]
     return np.concatenate(lines)
 
 

@@ -15,13 +15,13 @@ import numpy as np
 
 from cell.bin import Bin, table
 from cell.execute import execute
+from cell.floating_gripper import floating_arm, floating_joints, floating_line
 from cell.frames import Array, about_axis, apply, invert, make_transform, rotation_angle
 from cell.grip import grip, held
 from cell.jaw import ParallelJaw
 from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from cell.world import World
-from scenarios.gantry import gantry_arm, gantry_joints, gantry_line
 
 FREE = Bin("table", (20.0, 20.0, 1e-4), 0.01, (0.0, 0.0, 0.0))
 """No bin at all: a floor as far as any gripper reaches."""
@@ -60,7 +60,7 @@ class TrialCell:
 
     def _build(self) -> None:
         self.world.add_box(table((8.0, 8.0, 0.1), (0.0, 0.0, 0.0)))
-        self.arm = gantry_arm(self.world, self.gripper)
+        self.arm = floating_arm(self.world, self.gripper)
         self.arm.reset(np.array([0.0, 0.0, 3.0, 0.0, np.pi, 0.0]))
         self.world.add_part(self.workpiece, make_transform(t=(0.0, 0.0, 1.0)))
 
@@ -115,10 +115,10 @@ class TrialCell:
         """Straight to a tool pose of the same rotation, from rest to rest."""
         q0, q1 = self.arm.q, self._joints(T_world_tool)
         q1[3:] = q0[3:]
-        execute(self.world, self.arm, gantry_line(q0, q1, ACCELERATION, self.world.dt))
+        execute(self.world, self.arm, floating_line(q0, q1, ACCELERATION, self.world.dt))
 
     def _joints(self, T_world_tool: Array) -> Array:
-        return gantry_joints(T_world_tool, self.gripper.T_flange_tool)
+        return floating_joints(T_world_tool, self.gripper.T_flange_tool)
 
 
 def turns(workpiece: Workpiece) -> Array:

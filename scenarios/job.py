@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from scenarios.keep import Keep
 from scenarios.records import AttemptRecord, EpisodeRecord
 from scenarios.scenario import Scenario
-
-if TYPE_CHECKING:  # at run time it would load the work cell, which a driver does not need
-    from scenarios.keep import Keep
 
 
 @dataclass(frozen=True)

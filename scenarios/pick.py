@@ -16,7 +16,7 @@ from grasping.candidates import GraspCandidate
 from grasping.verdict import CHOSEN
 from robots.plan import PickPlan
 from robots.waypoints import waypoints_of, waypoints_to_json
-from scenarios.choose import Estimates, choose
+from scenarios.choose import choose
 from scenarios.decide import decide, stopped_at_place
 from scenarios.memory import Memory
 from scenarios.move import move
@@ -25,6 +25,8 @@ from scenarios.pictures import depth_picture, snap
 from scenarios.place import place_error
 from scenarios.placing import Place
 from scenarios.records import AttemptRecord, nested
+from scenarios.stages import Estimates
+from scenarios.tape import Recorder
 from scenarios.tree import decision_tree
 from scenarios.workcell import PLACE, SOURCE, Workcell
 
@@ -34,13 +36,19 @@ Perceive = Callable[[Workcell, DepthFrame, np.ndarray, np.random.Generator], Est
 """PS6D, or the oracle that is given the instance ids as well."""
 
 
-def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, attempt: int) -> AttemptRecord:
-    """One attempt, from the depth image to the judged outcome."""
+def attempt_pick(
+    cell: Workcell, perceive: Perceive, memory: Memory, seed: int, attempt: int, recorder: Recorder | None = None
+) -> AttemptRecord:
+    """One attempt, from the depth image to the judged outcome.
+
+    Args:
+        recorder: keeps the attempt to look at again, where one is wanted.
+    """
     start = time.perf_counter()
     rng = np.random.default_rng((seed, 1, attempt))
     before = cell.observe()
-    if cell.tape is not None:
-        cell.tape.start()
+    if recorder is not None:
+        recorder.start()
     frame, ids = cell.capture(rng)
 
     clock = working_time()
@@ -133,8 +141,8 @@ def attempt_pick(cell: Workcell, perceive: Perceive, memory: Memory, seed: int, 
             snap(cell, record["pictures"], "after")
     poses = np.concatenate([after.Ts_world_part[:, :3, 3], to_quat_xyzw(after.Ts_world_part)], axis=1)
     done = AttemptRecord(part_poses_after=nested(poses), wall_s=time.perf_counter() - start, **record)
-    if cell.tape is not None:
-        cell.tape.stop(done, frame, estimates, selection, decision)
+    if recorder is not None:
+        recorder.stop(done, frame, estimates, selection, decision)
     return done
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import cv2
 import numpy as np
 
@@ -11,10 +9,8 @@ from cell.camera import DepthFrame
 from cell.frames import Array, apply, invert
 from cell.picture import cell_picture
 from grasping.candidates import GraspCandidate
+from scenarios.stages import Estimates
 from scenarios.workcell import Workcell
-
-if TYPE_CHECKING:
-    from scenarios.choose import Estimates
 
 CHOSEN, OTHERS, TOOL = (60, 220, 60), (255, 170, 40), (60, 60, 255)  # BGR
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from cell.bin import Bin, Box
 from cell.execute import execute
+from cell.floating_gripper import floating_arm, floating_joints, floating_line
 from cell.frames import Array, make_transform
 from cell.grip import grip, held
 from cell.observe import Snapshot, observe
@@ -19,7 +20,6 @@ from cell.tool import Gripper
 from cell.workpiece import Workpiece
 from cell.world import World
 from grasping.candidates import GraspCandidate
-from scenarios.gantry import gantry_arm, gantry_joints, gantry_line
 from scenarios.scenario import Scenario
 
 REHEARSALS = 10
@@ -44,7 +44,7 @@ class Rehearsal:
         self.world = World(scenario.physics.timestep, scenario.physics.solver_iterations)
         for box in obstacles:
             self.world.add_box(box)
-        self.arm = gantry_arm(self.world, gripper)
+        self.arm = floating_arm(self.world, gripper)
 
     def close(self) -> None:
         self.world.close()
@@ -82,7 +82,7 @@ class Rehearsal:
     def _line(self, q0: Array, T_world_tool: Array) -> Array:
         q1 = self._joints(T_world_tool)
         q1[3:] = q0[3:]  # straight up or along the tool, without a turn
-        return gantry_line(q0, q1, ACCELERATION, self.world.dt)
+        return floating_line(q0, q1, ACCELERATION, self.world.dt)
 
     def _joints(self, T_world_tool: Array) -> Array:
-        return gantry_joints(T_world_tool, self._gripper.T_flange_tool)
+        return floating_joints(T_world_tool, self._gripper.T_flange_tool)

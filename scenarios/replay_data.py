@@ -10,6 +10,7 @@ import numpy as np
 
 from cell.bin import Bin, Box
 from cell.camera import DepthFrame
+from cell.floating_gripper import floating_flange
 from cell.frames import Array
 from cell.gripper import load_gripper
 from cell.tool import Gripper
@@ -18,7 +19,6 @@ from robots.links import LinkShape, link_poses, link_shapes
 from robots.model import RobotModel, forward, load_robot
 from scenarios.artefact import Artefact, path_of, read_artefact
 from scenarios.explain import nth_attempt
-from scenarios.gantry import gantry_flange
 from scenarios.outcome import nearest_true
 from scenarios.records import AttemptRecord
 from scenarios.scenario import Scenario
@@ -81,7 +81,7 @@ class Replayed:
     def Ts_world_tool(self) -> Array:
         """(f, 4, 4) of the TCP at every frame."""
         q = self.artefact.motion.q
-        flange = forward(self.robot, q) if self.artefact.carrier == "arm" else gantry_flange(q)
+        flange = forward(self.robot, q) if self.artefact.carrier == "arm" else floating_flange(q)
         return flange @ self.gripper.T_flange_tool
 
     @cached_property

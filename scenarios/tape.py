@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,19 +12,16 @@ from grasping.verdict import CHOSEN, Verdict
 from scenarios.artefact import Artefact, Motion, matrices_to_poses, path_of, write_artefact
 from scenarios.keep import Keep
 from scenarios.records import AttemptRecord
+from scenarios.stages import Decision, Estimates
 from scenarios.tree import planning_verdict
-
-if TYPE_CHECKING:
-    from scenarios.choose import Estimates
-    from scenarios.decide import Decision
-    from scenarios.workcell import Workcell
+from scenarios.workcell import Workcell
 
 EVERY = 10
 """Of an episode's successes the first, the eleventh, ... are kept beside its failures and no-picks."""
 PERIOD = 0.02  # [s] between two frames
 
 
-class Tape:
+class Recorder:
     """Watches one cell from fill to end; `start` before an attempt, `stop` after it."""
 
     def __init__(self, cell: Workcell, keep: Keep) -> None:

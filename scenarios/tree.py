@@ -3,29 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from grasping.candidates import Selection
 from grasping.verdict import CHOSEN, Verdict
 from robots.failure import Cause, PlanFailure, Stage
+from scenarios.stages import Decision, Estimates, RuledOut
 from scenarios.workcell import SOURCE
-
-if TYPE_CHECKING:
-    from scenarios.choose import Estimates
-    from scenarios.decide import Decision
-
-
-@dataclass(frozen=True)
-class RuledOut:
-    """A grasp that was ruled out for another reason than its motion, and why."""
-
-    verdict: Verdict
-    why: str
-
-    def __str__(self) -> str:
-        return f"{self.verdict}: {self.why}"
-
 
 BY_THE_ARM = {
     Cause.OUT_OF_REACH: Verdict.NO_IK,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from cell.arm import Arm
 from cell.bin import Bin, Box
 from cell.camera import DepthFrame, render
 from cell.errors import InputError, SimulationError
+from cell.floating_gripper import floating_arm, floating_home
 from cell.frames import Array
 from cell.gripper import load_gripper
 from cell.observe import Snapshot, observe
@@ -23,14 +23,9 @@ from cell.world import World
 from grasping.grasp_points import GraspPoses, load_grasps
 from robots.dynamics import Load, overload
 from robots.model import RobotModel, load_robot
-from scenarios.free_motion import free_home
-from scenarios.gantry import gantry_arm
 from scenarios.placing import Place, check_room, place_of
 from scenarios.rehearsal import Rehearsal
 from scenarios.scenario import Scenario
-
-if TYPE_CHECKING:
-    from scenarios.tape import Tape
 
 SOURCE, PLACE = "source", "place"
 FILLS = 5
@@ -48,7 +43,6 @@ class Workcell:
         oracle: stages that ground truth replaces; with `motion` the arm is a gantry.
         home: (6,) joints of the arm, or of the gantry, before the first pick.
         rehearsal: where the grasp oracle tries grasps, else None.
-        tape: keeps attempts to look at again, else None.
     """
 
     scenario: Scenario
@@ -66,7 +60,6 @@ class Workcell:
     pictures: bool
     oracle: frozenset[str] = frozenset()
     rehearsal: Rehearsal | None = None
-    tape: Tape | None = None
 
     @staticmethod
     def build(scenario: Scenario, seed: int, pictures: bool = False, oracle: frozenset[str] = frozenset()) -> Workcell:
@@ -97,7 +90,7 @@ class Workcell:
             for box in obstacles:
                 world.add_box(box)
             if "motion" in oracle:
-                arm, home = gantry_arm(world, gripper), free_home(place, gripper)
+                arm, home = floating_arm(world, gripper), floating_home(place, gripper)
             else:
                 arm, home = Arm(world, robot.urdf, robot.joints, gripper), robot.home
             arm.reset(home)

@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 
 from cell.arm import Arm
 from cell.execute import close_jaws
+from cell.floating_gripper import floating_arm, floating_joints
 from cell.frames import Array, about_axis, make_transform
 from cell.gripper import load_gripper
 from cell.workpiece import load_workpiece
 from cell.world import GRAVITY, World
 from cell.wrist import PATIENCE, QUIET, weigh, weigh_swinging, whole_periods
-from scenarios.gantry import gantry_arm, gantry_joints
 
 DT = 1 / 480
 LENGTH = 0.066  # [m] from the top of the ring to the centre of mass
@@ -62,9 +62,9 @@ def holding(
     R_world_tool: Array | None = None,
 ) -> Arm:
     """A jaw on a gantry, high over nothing, that has just closed on the first of these eye bolts."""
-    arm = gantry_arm(world, replace(load_gripper(jaw), force=force))
+    arm = floating_arm(world, replace(load_gripper(jaw), force=force))
     T_world_tool = make_transform(DOWN if R_world_tool is None else R_world_tool, (0.0, 0.0, 2.0))
-    arm.reset(gantry_joints(T_world_tool, arm.gripper.T_flange_tool), width + 0.002)
+    arm.reset(floating_joints(T_world_tool, arm.gripper.T_flange_tool), width + 0.002)
     for T_tool_bolt in Ts_tool_bolt:
         world.add_part(load_workpiece("ring_screw"), T_world_tool @ T_tool_bolt)
     assert close_jaws(world, arm).parts == (0,)
@@ -106,7 +106,7 @@ def test_grooves_that_press_hard_add_nothing_to_the_weight(new_world: Callable[.
 
 def test_the_sensor_of_cups_is_switched_on_once(new_world: Callable[..., World]) -> None:
     world, switched = new_world(), []
-    arm = gantry_arm(world, load_gripper("cup_20"))
+    arm = floating_arm(world, load_gripper("cup_20"))
     switch_on = world.client.enableJointForceTorqueSensor
     world.client.enableJointForceTorqueSensor = lambda *joint: (switched.append(joint), switch_on(*joint))
     assert [weigh(world, arm, 0.01).mass for _ in range(3)] == pytest.approx([0.0] * 3, abs=5e-4)

@@ -14,7 +14,7 @@ from grasping.verdict import CHOSEN
 from robots.model import forward
 from robots.plan import PickPlan
 from scenarios.choose import choose
-from scenarios.decide import Decision, decide
+from scenarios.decide import decide
 from scenarios.episode import oracle_perception
 from scenarios.memory import Memory
 from scenarios.move import move
@@ -22,6 +22,7 @@ from scenarios.pick import attempt_pick
 from scenarios.records import Reason
 from scenarios.retreat import recover
 from scenarios.scenario import load_scenario
+from scenarios.stages import Decision
 from scenarios.workcell import SOURCE, Workcell
 
 PLANNED_SEED = 0

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cell.floating_gripper import floating_joints, floating_line
 from cell.frames import apply, invert, make_transform
 from grasping.candidates import GraspCandidate
 from scenarios.choose import choose
 from scenarios.episode import oracle_perception, run_episode
-from scenarios.gantry import gantry_joints, gantry_line
 from scenarios.job import Job
 from scenarios.memory import Memory
 from scenarios.pick import attempt_pick
@@ -92,15 +92,15 @@ def test_oracles_are_used_where_named_only() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_the_gantry_goes_where_it_is_told_and_keeps_the_acceleration(cell: Workcell, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    lean = gantry_joints(make_transform(np.diag([1.0, -1.0, -1.0]), (0.4, 0.1, 0.3)), np.eye(4))
+    lean = floating_joints(make_transform(np.diag([1.0, -1.0, -1.0]), (0.4, 0.1, 0.3)), np.eye(4))
     lean += np.array([0, 0, 0, *rng.uniform(-0.7, 0.7, 3)])
     cell.arm.reset(lean)
     T = cell.arm.tool_pose()
-    q = gantry_joints(T, cell.gripper.T_flange_tool, near=lean + np.array([0, 0, 0, 6.2, 0, 0]))
+    q = floating_joints(T, cell.gripper.T_flange_tool, near=lean + np.array([0, 0, 0, 6.2, 0, 0]))
     cell.arm.reset(q)
     np.testing.assert_allclose(cell.arm.tool_pose(), T, atol=1e-6)
     assert abs(q[3] - lean[3] - 6.2) <= np.pi
-    way = gantry_line(lean, q, 5.0, 1 / 480)
+    way = floating_line(lean, q, 5.0, 1 / 480)
     np.testing.assert_allclose(way[-1], q, atol=1e-12)
     full = np.vstack([lean, way])
     assert np.linalg.norm(np.diff(full, 2, axis=0)[:, :3], axis=1).max() * 480**2 < 5.0 * 1.02

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from cell.frames import Array, apply, invert, make_transform
 from grasping.candidates import Selection
-from scenarios.choose import Estimates, choose
+from scenarios.choose import choose
 from scenarios.decide import decide
 from scenarios.episode import oracle_perception
 from scenarios.memory import AVOID_RADIUS, Memory
@@ -19,6 +19,7 @@ from scenarios.pick import Perceive, attempt_pick
 from scenarios.records import Reason
 from scenarios.scan import BIN_MARGIN, GRID, Scan, scene_points
 from scenarios.scenario import load_scenario
+from scenarios.stages import Estimates
 from scenarios.workcell import SOURCE, Workcell
 
 YAW = 0.6

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from cell.camera import DepthFrame
-from scenarios.choose import Estimates, choose
+from scenarios.choose import choose
 from scenarios.episode import oracle_perception
 from scenarios.memory import Memory
 from scenarios.pictures import CHOSEN, OTHERS, TOOL, depth_picture, png, snap
 from scenarios.scenario import load_scenario
+from scenarios.stages import Estimates
 from scenarios.workcell import Workcell
 
 NOTHING = Estimates(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0))

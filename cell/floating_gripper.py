@@ -11,21 +11,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cell.arm import Arm
+from cell.bin import Bin
 from cell.frames import Array, invert, make_transform
 from cell.tool import Gripper
 from cell.world import World
 
-URDF = Path(__file__).resolve().parent / "gantry.urdf"
+URDF = Path(__file__).resolve().parent / "floating_gripper.urdf"
+HOME = 0.6  # [m] height of the TCP over the place bin before the first pick
 JOINTS = ("x", "y", "z", "yaw", "pitch", "roll")
 TURNING = 40.0  # [rad/s2] of yaw, pitch and roll
 
 
-def gantry_arm(world: World, gripper: Gripper) -> Arm:
-    """The gripper on a gantry at the world's origin."""
+def floating_arm(world: World, gripper: Gripper) -> Arm:
+    """The gripper on three slides at the world's origin."""
     return Arm(world, URDF, JOINTS, gripper)
 
 
-def gantry_joints(T_world_tool: Array, T_flange_tool: Array, near: Array | None = None) -> Array:
+def floating_joints(T_world_tool: Array, T_flange_tool: Array, near: Array | None = None) -> Array:
     """Joints (6,) in [m] and [rad] that bring the TCP to T_world_tool (4, 4).
 
     Roll lies in [0, 2 pi), so that it does not jump while the tool points down; yaw within half a turn of that of
@@ -38,7 +40,13 @@ def gantry_joints(T_world_tool: Array, T_flange_tool: Array, near: Array | None 
     return np.array([*T_world_flange[:3, 3], yaw, pitch, roll % (2 * np.pi)])
 
 
-def gantry_line(q0: Array, q1: Array, acceleration: float, dt: float) -> Array:
+def floating_home(place: Bin, gripper: Gripper) -> Array:
+    """Joints (6,) before the first pick: over the place bin, the tool down."""
+    x, y, _ = place.position
+    return floating_joints(make_transform(np.diag([1.0, -1.0, -1.0]), (x, y, HOME)), gripper.T_flange_tool)
+
+
+def floating_line(q0: Array, q1: Array, acceleration: float, dt: float) -> Array:
     """Straight from rest at q0 to rest at q1 (6,) with a quintic time law; (n, 6), the start left out.
 
     Args:
@@ -50,6 +58,6 @@ def gantry_line(q0: Array, q1: Array, acceleration: float, dt: float) -> Array:
     return np.asarray(q0 + s**3 * (10 - 15 * s + 6 * s * s) * (q1 - q0))
 
 
-def gantry_flange(q: Array) -> Array:
-    """T_world_flange (n, 4, 4) at joints q (n, 6), the inverse of `gantry_joints`."""
+def floating_flange(q: Array) -> Array:
+    """T_world_flange (n, 4, 4) at joints q (n, 6), the inverse of `floating_joints`."""
     return make_transform(Rotation.from_euler("ZYX", q[:, 3:]).as_matrix(), q[:, :3])

@@ -14,10 +14,9 @@ import numpy as np
 
 from cell.bin import Bin
 from cell.camera import DepthFrame
-from cell.config import Config, load
+from cell.config import Config, Size, load
 from cell.errors import InputError
 from cell.frames import apply, invert
-from cell.pieces import Triple
 from cell.workpiece import UNITS, Workpiece, load_workpiece
 from perception.camera_file import is_rigid
 from perception.cloud import roi_mask, scene_cloud
@@ -37,7 +36,7 @@ MOST_VOXELS = 150_000
 class BinFile(Config):
     """A bin in the frame of the input: inner length, width and depth [m], and the pose of its floor's centre, z up."""
 
-    inner: Triple
+    inner: Size
     T_world_bin: tuple[tuple[float, float, float, float], ...]
 
 

@@ -34,7 +34,7 @@ class ToolConfig(Config):
     """What stands in the YAML file of every gripper."""
 
     name: str
-    flange_to_tcp: Length = Field( description="[m]")
+    flange_to_tcp: Length = Field(description="[m]")
     body: list[BodyBox] = Field(min_length=1)
     body_mass: float = Field(gt=0, description="[kg]")
 

@@ -44,5 +44,5 @@ def test_what_is_no_cloud_is_named(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=rf"{name}.*missing"):
         read_point_file(tmp_path / name)
     (tmp_path / name).write_text("not a cloud at all\n")
-    with pytest.raises(InputError, match=rf"{name}.*no finite points"):
+    with pytest.raises(InputError, match=rf"{name}.*a point cloud with points"):
         read_point_file(tmp_path / name)

@@ -15,8 +15,9 @@ PLY_BYTES = {
     **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
     **dict.fromkeys(("double", "float64"), 8),
 }
-NUMBER = tuple("+-.0123456789nNiI")
+NUMBER = tuple(bytes([c]) for c in b"+-.0123456789nNiI")
 """First characters of a line that holds a point; nan and inf are numbers."""
+IN_NUMBERS = np.isin(np.arange(256), np.frombuffer(b"+-.0123456789eEnNaAiIfFtTyY", np.uint8))
 MOST_HEADER = 100_000
 
 
@@ -31,27 +32,21 @@ class _Element:
 
 
 def check_count(path: Path) -> None:
-    """Compare declared points with those that the file holds, of PLY, PCD and PTS.
+    """Compare declared points with those that the file holds; XYZ declares none, but its lines are alike.
 
     Raises:
-        InputError: there are fewer or more, or the header does not say.
+        InputError: there are fewer or more, the header does not say, or lines hold different counts of numbers.
     """
-    counted = {".ply": _ply, ".pcd": _pcd, ".pts": _pts}.get(path.suffix.lower())
-    if counted is None:
-        return
+    counted = {".ply": _ply, ".pcd": _pcd, ".pts": _pts}.get(path.suffix.lower(), _xyz)
     try:
         declared, found = counted(path.read_bytes())
     except (ValueError, IndexError, KeyError) as error:
-        valid = f"a point cloud with points; its header is not that of {path.suffix.lower()[1:].upper()}"
-        raise InputError(path, "", str(error) or "unreadable header", valid) from None
+        raise InputError(
+            path, "", str(error), f"a point cloud with points, as {path.suffix[1:].upper()} has them"
+        ) from None
     if declared != found:
         short = "; the file was cut short" if found < declared else ""
         raise InputError(path, "points", f"{found} in the file", f"{declared} as its header declares{short}")
-
-
-def point_lines(path: Path) -> int:
-    """Lines of an XYZ file that hold a point; titles and comments do not."""
-    return sum(line.lstrip().startswith(NUMBER) for line in path.read_text(errors="replace").splitlines())
 
 
 def _ply(content: bytes) -> tuple[int, int]:
@@ -75,11 +70,13 @@ def _ply(content: bytes) -> tuple[int, int]:
     if vertex.has_list or not vertex.sizes or any(e.has_list and e.count for e in before):
         raise ValueError("vertices with lists, or after lists")
 
-    def span(element: _Element) -> int:
-        return sum(element.sizes) if binary else len(element.sizes)
-
-    held = (len(body) if binary else _words(body)) - sum(e.count * span(e) for e in before)
-    whole = max(held, 0) // span(vertex)
+    if binary:
+        held = len(body) - sum(e.count * sum(e.sizes) for e in before)
+        whole = max(held, 0) // sum(vertex.sizes)
+    else:
+        first = sum(e.count for e in before)
+        last = None if at == len(elements) - 1 else first + vertex.count
+        whole = _rows(b"\n".join(_lines(body)[first:last]), len(vertex.sizes))
     # faces and the like may follow
     return vertex.count, whole if at == len(elements) - 1 else min(whole, vertex.count)
 
@@ -95,7 +92,7 @@ def _pcd(content: bytes) -> tuple[int, int]:
         raise ValueError(f"POINTS {fields['POINTS'][0]}, but WIDTH x HEIGHT {declared}")
     size = sum(int(s) * n for s, n in zip(fields["SIZE"], counts, strict=True))
     if kind == b"ascii":
-        return declared, _words(body) // sum(counts)
+        return declared, _rows(body, sum(counts))
     if kind == b"binary":
         return declared, min(len(body) // size, declared)  # writers pad
     packed, unpacked = (int(x) for x in np.frombuffer(body[:8], "<u4"))
@@ -130,8 +127,14 @@ def pcd_viewpoint(path: Path) -> tuple[float, ...] | None:
 
 
 def _pts(content: bytes) -> tuple[int, int]:
-    lines = [line for line in content.splitlines() if line.strip()]
-    return int(lines[0]), len(lines) - 1
+    lines = _lines(content)
+    return int(lines[0]), _rows(b"\n".join(lines[1:]))
+
+
+def _xyz(content: bytes) -> tuple[int, int]:
+    # titles and comments hold no point
+    lines = [line for line in _lines(content) if line.lstrip().startswith(NUMBER)]
+    return len(lines), _rows(b"\n".join(lines))
 
 
 def _split(content: bytes, end: bytes) -> tuple[str, bytes]:
@@ -145,7 +148,27 @@ def _split(content: bytes, end: bytes) -> tuple[str, bytes]:
     return content[:start].decode("ascii", errors="replace"), content[after:]
 
 
-def _words(body: bytes) -> int:
-    """How many words, parted by white space, a text has."""
-    blank = np.frombuffer(b" " + body, np.uint8) <= 32
-    return int((blank[:-1] & ~blank[1:]).sum())
+def _lines(body: bytes) -> list[bytes]:
+    return [line for line in body.splitlines() if line.strip()]
+
+
+def _rows(body: bytes, width: int | None = None) -> int:
+    """How many lines hold `width` numbers, by default as many as the first; a last one cut short does not count.
+
+    Raises:
+        ValueError: a line before the last holds another count of numbers, or something else.
+    """
+    text = np.frombuffer(b"\n" + body, np.uint8)
+    blank, line = text <= 32, np.cumsum((text == 10) | (text == 13)) - 1
+    other = np.flatnonzero(~blank & ~IN_NUMBERS[text])
+    if len(other):
+        raise ValueError(f"{chr(text[other[0]])!r} among the numbers of row {line[other[0]] + 1}")
+    counts = np.bincount(line[1:][blank[:-1] & ~blank[1:]], minlength=1)
+    counts = counts[counts > 0]
+    if not len(counts):
+        return 0
+    width = width or int(counts[0])
+    odd = np.flatnonzero(counts != width)
+    if len(odd) and (odd[0] < len(counts) - 1 or counts[-1] > width):
+        raise ValueError(f"row {odd[0] + 1} of {counts[odd[0]]} numbers among rows of {width}")
+    return len(counts) - len(odd)

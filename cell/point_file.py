@@ -8,7 +8,7 @@ import numpy as np
 
 from cell.errors import InputError
 from cell.frames import Array, from_quat_xyzw
-from cell.point_count import check_count, pcd_viewpoint, point_lines
+from cell.point_count import check_count, pcd_viewpoint
 
 FORMATS = (".ply", ".pcd", ".xyz", ".xyzn", ".xyzrgb", ".pts")
 
@@ -29,8 +29,6 @@ def read_point_file(path: Path) -> Array:
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         cloud = o3d.io.read_point_cloud(str(path), remove_nan_points=False, remove_infinite_points=False)
     points = np.asarray(cloud.points, dtype=np.float64)
-    if path.suffix.lower() in (".xyz", ".xyzn", ".xyzrgb") and len(points) and len(points) != point_lines(path):
-        raise InputError(path, "points", f"{len(points)} read", f"one in each of the {point_lines(path)} lines")
     points = points[np.isfinite(points).all(1)]
     if not len(points):
         raise InputError(path, "", "no finite points", valid)

@@ -14,8 +14,8 @@ ASPECT = 2.0
 """Most of fx / fy, and of fy / fx: pixels are square, or binned 2 x 1."""
 VIEW_DEG = (2.0, 150.0)
 """[deg] between which the full angle of view lies, along x and along y."""
-CENTRED = (0.4, 0.6)
-"""Of the image's width and height, between which the principal point lies; in a crop it may lie anywhere inside."""
+CENTRED, IN_CROP = (0.4, 0.6), (0.05, 0.95)
+"""Of the image's width and height, between which the principal point lies; the same where the image may be a crop."""
 FARTHEST = 20.0
 """[m] of any length of a scene: where cameras, bins and boxes are."""
 STEP = (5e-6, 1e-2)
@@ -66,7 +66,7 @@ def check_size(K: Array, width: int, height: int, stated: bool, source: str | Pa
     off, off_swapped = np.abs(at - 0.5).max(), np.abs(swapped - 0.5).max()
     if off > 0.08 and off_swapped < 0.05 and off > 3 * off_swapped:
         raise InputError(source, "cx, cy", found, "cx along the width and cy along the height; they look swapped")
-    low, high = (0.0, 1.0) if stated else CENTRED
+    low, high = IN_CROP if stated else CENTRED
     if not ((at >= low) & (at <= high)).all():
         valid = f"a principal point at {low:g} to {high:g} of width and height"
         if not stated:

@@ -82,7 +82,7 @@ class Section:
     def check_keys(self) -> None:
         """Refuse keys that are not known and may change what the others mean."""
         for key, value in self.data.items():
-            if key not in UNDERSTOOD and is_unknown(key, value):
+            if not isinstance(key, str) or (key not in UNDERSTOOD and is_unknown(key, value)):
                 valid = f"no such key, for it may change what the others mean; understood: {', '.join(UNDERSTOOD)}"
                 raise self.bad(str(key), value, valid)
 

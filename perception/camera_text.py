@@ -31,8 +31,10 @@ def read_mapping(path: Path) -> dict[str, Any]:
     if text.lstrip().startswith("{"):
         try:
             return dict(json.loads(text, object_pairs_hook=lambda pairs: _unique(pairs, path)))
-        except ValueError:
-            pass  # YAML in braces
+        except ValueError as error:
+            # read as YAML, a stray comma in a number would leave half of it
+            if path.suffix.lower() == ".json":
+                raise InputError(path, "", str(error), "JSON") from None
         except RecursionError:
             raise InputError(path, "", "lists nested too deeply", "the intrinsics of a camera") from None
     if text.startswith("%YAML:"):  # as FileStorage writes it, which YAML's own readers refuse

@@ -93,6 +93,9 @@ def _pcd(content: bytes) -> tuple[int, int]:
     size = sum(int(s) * n for s, n in zip(fields["SIZE"], counts, strict=True))
     if kind == b"ascii":
         return declared, _rows(body, sum(counts))
+    for name, width, letter in zip(fields["FIELDS"], fields["SIZE"], fields["TYPE"], strict=True):
+        if name in ("x", "y", "z") and (width, letter) != ("4", "F"):  # the reader makes 0 of them
+            raise ValueError(f"{name} of SIZE {width} and TYPE {letter}, not of 4 and F")
     if kind == b"binary":
         return declared, min(len(body) // size, declared)  # writers pad
     packed, unpacked = (int(x) for x in np.frombuffer(body[:8], "<u4"))

@@ -110,3 +110,10 @@ def test_the_viewpoint_of_a_pcd_file(tmp_path: Path) -> None:
         path.write_text(PCD.replace("0 0 0 1 0 0 0", words))
         with pytest.raises(InputError, match=r"VIEWPOINT.*w x y z"):
             sensor_pose(path)
+
+
+def test_doubles_in_a_binary_pcd_are_named(tmp_path: Path) -> None:
+    head = PCD.replace("4", "3").replace("SIZE 3 3 3", "SIZE 8 8 8").replace("ascii", "binary")
+    (tmp_path / "cloud.pcd").write_bytes(head.encode() + POINTS.astype("<f8").tobytes())
+    with pytest.raises(InputError, match="SIZE 8 and TYPE F, not of 4 and F"):
+        read_point_file(tmp_path / "cloud.pcd")

@@ -134,15 +134,15 @@ def test_the_viewpoint_of_a_cloud_in_the_world(here: Path, capsys: pytest.Captur
     T = about_axis((1.0, 0.0, 0.0), np.pi)
     T[:3, 3] = 0.4, -0.1, 0.9
     points = apply(T, seen()[0].points_camera()[0])
-    head = f"VERSION .7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(points)}\nHEIGHT 1\n"
+    head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(points)}\nHEIGHT 1\n"
     head += f"VIEWPOINT 0.4 -0.1 0.9 0 1 0 0\nPOINTS {len(points)}\nDATA binary\n"
-    Path("world.pcd").write_bytes(head.encode() + points.astype("<f8").tobytes())
+    Path("world.pcd").write_bytes(head.encode() + points.astype("<f4").tobytes())
     found = perceived("world.pcd")
     assert np.median(mean_gap(found, in_memory())) < 2e-4
     document = json.loads(Path("out/perceive/bracket/poses.json").read_text())
     np.testing.assert_allclose(document["camera"]["T_world_camera"], T, atol=1e-9)
     in_camera = seen()[0].points_camera()[0]  # as programs write it that keep points in the sensor's frame
-    Path("sensor.pcd").write_bytes(head.encode() + in_camera.astype("<f8").tobytes())
+    Path("sensor.pcd").write_bytes(head.encode() + in_camera.astype("<f4").tobytes())
     assert main(["perceive", "bracket", "sensor.pcd"]) == 2
     assert "VIEWPOINT" in (error := capsys.readouterr().err) and "--camera-pose" in error
     np.savetxt("pose.txt", np.eye(4))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import YAMLError
@@ -20,6 +22,43 @@ class Config(BaseModel):
 
 
 M = TypeVar("M", bound=Config)
+
+
+def metres(most: float) -> AfterValidator:
+    """For `Annotated`: a length in [m] of at most `most` in magnitude; what lies beyond is likely in mm."""
+
+    def check(value: float) -> float:
+        if abs(value) > most:
+            raise PydanticCustomError("length", "at most {most} m; in m, is it in mm?", {"most": f"{most:g}"})
+        return value
+
+    return AfterValidator(check)
+
+
+def _radians(value: float) -> float:
+    if abs(value) > 2 * math.pi:
+        raise PydanticCustomError("angle", "at most 2 pi, 6.2832 rad; in rad, is it in degrees?")
+    return value
+
+
+Coordinate = Annotated[float, metres(10.0)]
+"""[m] of a place in a cell."""
+Length = Annotated[float, Field(gt=0), metres(5.0)]
+"""[m] of a bin or a workpiece."""
+Offset = Annotated[float, metres(2.0)]
+"""[m] in the frame of a workpiece or a gripper."""
+Small = Annotated[float, Field(gt=0), metres(0.5)]
+"""[m] of a feature of a workpiece or a gripper."""
+Fine = Annotated[float, Field(ge=0), metres(0.1)]
+"""[m] of a tolerance or an error."""
+Sigma = Annotated[float, Field(ge=0), metres(0.01)]
+"""[m] of a camera's noise."""
+Angle = Annotated[float, AfterValidator(_radians)]
+"""[rad]"""
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Size = tuple[Length, Length, Length]
+OffsetPoint = tuple[Offset, Offset, Offset]
+Angles = tuple[Angle, Angle, Angle]
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -43,7 +82,12 @@ def yaml_value(text: str) -> Any:
     Raises:
         YAMLError: not YAML.
     """
-    return YAML(typ="safe", pure=True).load(text)
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, RecursionError):
+        raise
+    except Exception as error:  # noqa: BLE001  constructors of dates, numbers and keys raise whatever theirs raise
+        raise YAMLError(f"{type(error).__name__}: {error}") from None
 
 
 def parse_yaml(text: str, path: Path) -> dict[str, Any]:
@@ -59,6 +103,8 @@ def parse_yaml(text: str, path: Path) -> dict[str, Any]:
         at = f"line {mark.line + 1}, column {mark.column + 1}" if mark is not None else str(error)
         what = "a field that came before" if isinstance(error, DuplicateKeyError) else "a syntax error"
         raise InputError(path, "", at, f"YAML ({what} stands there)") from None
+    except RecursionError:
+        raise InputError(path, "", "lists or mappings nested too deeply", "YAML of some levels") from None
     if not isinstance(data, dict):
         raise InputError(path, "", type(data).__name__, "a YAML mapping of fields to values")
     return data
@@ -72,11 +118,8 @@ def parse(model: type[M], data: Any, file: str | Path) -> M:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            parent: Any = data
             valid = "one of: " + ", ".join(_fields_at(model, first["loc"][:-1]))
-            for part in first["loc"]:
-                parent = parent[part]
-            raise InputError(file, field, parent, f"no such field; {valid}") from None
+            raise InputError(file, field, first["input"], f"no such field; {valid}") from None
         if first["type"] == "missing":
             raise InputError(file, field, "nothing", "a value; the field has no default") from None
         raise InputError(file, field, first["input"], first["msg"].removeprefix("Input should be ")) from None

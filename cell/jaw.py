@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from cell.bin import Box
-from cell.config import Config
+from cell.config import Config, Small
 from cell.frames import make_transform
 from cell.pieces import CollisionBox
 from cell.tool import Gripper, Pad, Positive, ToolConfig, ToolLink, Triple, tcp
@@ -24,8 +24,8 @@ class Groove(Config):
     `half_angle_deg` is that between either flank and the closing direction.
     """
 
-    above_tip: Positive
-    height: Positive
+    above_tip: Small
+    height: Small
     half_angle_deg: float = Field(60.0, ge=20, le=85)
 
     @property
@@ -45,8 +45,8 @@ class JawConfig(ToolConfig):
     """Schema of a parallel jaw's YAML file."""
 
     kind: Literal["parallel_jaw"] = "parallel_jaw"
-    max_opening: float = Field(gt=0, le=0.5, description="[m] between the pads")
-    finger_size: Triple = Field(description="[m] thickness along x, width along y, length along z")
+    max_opening: Small = Field(description="[m] between the pads")
+    finger_size: tuple[Small, Small, Small] = Field(description="[m] thickness along x, width along y, length along z")
     groove: Groove | None = None
     pad: PadConfig | None = None
     finger_mass: float = Field(gt=0, description="[kg] of each")

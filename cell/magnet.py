@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from cell.config import Fine
 from cell.holding import Hold
 from cell.pads import TOUCH, PadGripper, PadsConfig, Probe, disc
 from cell.tool import Positive
@@ -26,8 +27,8 @@ class MagnetConfig(PadsConfig):
 
     kind: Literal["magnet"]
     force: Positive = Field(description="[N] of each face on thick, flat, bare steel")
-    gap_scale: Positive = Field(description="[m] gap at which a quarter of the force is left")
-    cover: float = Field(0.0, ge=0, description="[m] of something that is not magnetic on the face")
+    gap_scale: Fine = Field(gt=0, description="[m] gap at which a quarter of the force is left")
+    cover: Fine = Field(0.0, description="[m] of something that is not magnetic on the face")
 
     def build(self) -> Magnet:
         """The gripper."""

@@ -52,7 +52,7 @@ def use_portable_kernels() -> None:
 
 
 def use_fast_training() -> None:
-    """Let MKL choose: training needs speed, and its result is a file that is shipped. Before torch is loaded."""
+    """Let MKL choose: training needs speed, and its result is a file. MKL reads its variable at its first product."""
     os.environ.pop("MKL_CBWR", None)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from cell.bin import Box
+from cell.config import Offset, Small
 from cell.frames import Array, make_transform
 from cell.holding import Hold
 from cell.pieces import CollisionCylinder
@@ -43,10 +44,10 @@ Probe = Callable[[Array], Surface]
 class PadsConfig(ToolConfig):
     """What cups and magnets have in common."""
 
-    diameter: float = Field(gt=0, le=0.5, description="[m] of each lip or face")
-    height: Positive = Field(description="[m] of each")
-    centres: tuple[tuple[float, float], ...] = Field(((0.0, 0.0),), min_length=1, description="(x, y) of each [m]")
-    stroke: Positive = Field(description="[m] by which the faces give way towards the flange")
+    diameter: Small = Field(description="[m] of each lip or face")
+    height: Small = Field(description="[m] of each")
+    centres: tuple[tuple[Offset, Offset], ...] = Field(((0.0, 0.0),), min_length=1, description="(x, y) of each [m]")
+    stroke: Small = Field(description="[m] by which the faces give way towards the flange")
     stiffness: Positive = Field(description="[N/m] of the spring behind each face")
     preload: Positive = Field(description="[N] of the spring behind each face at rest: more than the slide weighs")
     face_mass: Positive = Field(description="[kg] of all that slides")

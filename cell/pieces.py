@@ -15,7 +15,7 @@ from pydantic import Field
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
-from cell.config import Config
+from cell.config import Angles, Config, Length, OffsetPoint, Size, Small
 from cell.errors import InputError
 from cell.frames import Array, about_axis, from_rpy, make_transform
 from cell.mesh_error import MeshError
@@ -40,9 +40,9 @@ Positive = Annotated[float, Field(gt=0)]
 class CollisionBox(Config):
     """A solid box in the CAD frame: full edge lengths [m], centre [m], fixed-axis roll, pitch, yaw [rad]."""
 
-    size: tuple[Positive, Positive, Positive]
-    centre: Triple
-    rpy: Triple = (0.0, 0.0, 0.0)
+    size: Size
+    centre: OffsetPoint
+    rpy: Angles = (0.0, 0.0, 0.0)
 
     @property
     def T_part_box(self) -> Array:
@@ -52,10 +52,10 @@ class CollisionBox(Config):
 class CollisionCylinder(Config):
     """A solid cylinder about its own z axis: radius and length [m]; centre [m] and rpy [rad] in the CAD frame."""
 
-    radius: Positive
-    length: Positive
-    centre: Triple
-    rpy: Triple = (0.0, 0.0, 0.0)
+    radius: Small
+    length: Length
+    centre: OffsetPoint
+    rpy: Angles = (0.0, 0.0, 0.0)
 
     @property
     def T_part_cylinder(self) -> Array:

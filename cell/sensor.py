@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from pydantic_core import PydanticCustomError
 from scipy.special import ndtr
 
 from cell.camera import DEPTH_SIGMA, DepthFrame, Intrinsics, Render
-from cell.config import Config, read_yaml
+from cell.config import Config, Fine, Sigma, metres, read_yaml
 from cell.frames import Array
 from cell.optics import Optics
 
@@ -48,20 +48,22 @@ class SensorConfig(Config):
 
     enabled: bool = True
     preset: str = Field("structured_light", description="camera class")
-    axial_sigma: float = Field(1.2e-4, ge=0, le=0.01, description="[m] standard deviation at 1 m, grows with z^2")
-    axial_floor: float = Field(3e-5, ge=0, le=0.01, description="[m] part that does not depend on depth")
+    axial_sigma: Sigma = Field(1.2e-4, description="[m] standard deviation at 1 m, grows with z^2")
+    axial_floor: Sigma = Field(3e-5, description="[m] part that does not depend on depth")
     correlated_share: float = Field(0.5, ge=0, le=1, description="of the variance that neighbouring pixels share")
     correlation_length: float = Field(2.0, gt=0, le=50, description="[pixel] at which that share falls to 1/e")
     lateral_sigma: float = Field(0.3, ge=0, le=3, description="[pixel] jitter of the sampled position")
     grazing_deg: float = Field(80.0, gt=30, le=90, description="[deg] incidence beyond which pixels go missing")
-    edge_jump: float = Field(0.004, gt=0, description="[m] departure from a plane that counts as an edge")
+    edge_jump: Fine = Field(0.004, gt=0, description="[m] departure from a plane that counts as an edge")
     edge_width: int = Field(1, ge=1, le=10, description="[pixel] that an edge reaches to either side")
     edge_dropout: float = Field(0.6, ge=0, le=1, description="probability that an edge pixel is missing")
     flying: float = Field(0.1, ge=0, le=1, description="probability that another edge pixel lies between the surfaces")
     speckle_dropout: float = Field(0.01, ge=0, le=1, description="probability that any pixel is missing")
     hole_dropout: float = Field(0.0, ge=0, le=1, description="probability that any pixel lies in a hole")
     patch_length: float = Field(6.0, ge=1, le=50, description="[pixel] size of holes and spots")
-    baseline: float = Field(0.12, ge=0, le=1, description="[m] projector or second camera along the camera's x axis")
+    baseline: Annotated[float, metres(1.0)] = Field(
+        0.12, ge=0, description="[m] projector or second camera along the camera's x axis"
+    )
     min_intensity: float = Field(0.03, ge=0, le=1, description="of a white surface that faces the camera; less is lost")
     max_intensity: float = Field(4.0, gt=0, description="of a white surface that faces the camera; more is saturated")
     interreflection: float = Field(0.3, ge=0, le=1, description="share of mirrored light decoded at a wrong depth")

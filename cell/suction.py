@@ -14,10 +14,10 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from cell.config import Fine, Small
 from cell.frames import Array
 from cell.holding import Hold
 from cell.pads import TOUCH, PadGripper, PadsConfig, Probe, Surface, disc, ring
-from cell.tool import Positive
 
 RIM_RAYS, INNER_RAYS = 24, 40
 OUTSIDE = 0.0005  # [m] from the lip to the ring of rays around it
@@ -29,9 +29,9 @@ class VacuumConfig(PadsConfig):
     """Schema of a vacuum gripper's YAML file."""
 
     kind: Literal["vacuum"]
-    effective_diameter: Positive = Field(description="[m] of the area under vacuum")
+    effective_diameter: Small = Field(description="[m] of the area under vacuum")
     pressure: float = Field(gt=0, le=101_325, description="[Pa] below that of the air")
-    flatness: Positive = Field(0.001, description="[m] peak to peak that the lip evens out along the rim")
+    flatness: Fine = Field(0.001, gt=0, description="[m] peak to peak that the lip evens out along the rim")
     sprung_alone: bool = Field(
         False, description="each cup has a spring of its own: one over a lower place still touches, within the travel"
     )

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from cell.bin import Box
-from cell.config import Config
+from cell.config import Config, Length, OffsetPoint, Size
 from cell.frames import Array, make_transform
 from cell.pieces import CollisionBox, CollisionCylinder
 
@@ -26,15 +26,15 @@ class BodyBox(Config):
     """A box that does not move with the fingers: full edge lengths and centre in the flange frame [m]."""
 
     name: str
-    size: Triple
-    centre: Triple
+    size: Size
+    centre: OffsetPoint
 
 
 class ToolConfig(Config):
     """What stands in the YAML file of every gripper."""
 
     name: str
-    flange_to_tcp: float = Field(gt=0, le=1, description="[m]")
+    flange_to_tcp: Length = Field(description="[m]")
     body: list[BodyBox] = Field(min_length=1)
     body_mass: float = Field(gt=0, description="[kg]")
 

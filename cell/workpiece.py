@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from pydantic import Field
 
-from cell.config import Config, load
+from cell.config import Config, Fine, Length, Size, load
 from cell.errors import InputError, did_you_mean
 from cell.frames import Array
 from cell.mesh_bodies import check_crossing
@@ -54,9 +54,9 @@ class SymmetryConfig(Config):
 class HeapConfig(Config):
     """The heaps on which perception is trained and evaluated, fitting the size of the workpiece."""
 
-    bin_inner: Triple = Field(description="[m] length, width, depth")
+    bin_inner: Size = Field(description="[m] length, width, depth")
     count: tuple[int, int] = Field((6, 40), description="fewest and most workpieces in a heap")
-    camera_distance: float = Field(0.85, gt=0, description="[m] camera to bin floor")
+    camera_distance: Length = Field(0.85, description="[m] camera to bin floor")
 
 
 class WorkpieceConfig(Config):
@@ -69,7 +69,7 @@ class WorkpieceConfig(Config):
     material: str
     density: float = Field(gt=10, lt=30000, description="[kg/m3]")
     friction: float = Field(gt=0, le=2)
-    rolling_friction: float = Field(0.0, ge=0, le=0.05, description="[m] lever of what resists rolling, as of teeth")
+    rolling_friction: Fine = Field(0.0, description="[m] lever of what resists rolling, as of teeth")
     magnetic: bool = Field(False, description="a magnet holds it, as steel and cast iron")
     optics: Optics = Optics()
     symmetry: SymmetryConfig = SymmetryConfig()
@@ -77,7 +77,7 @@ class WorkpieceConfig(Config):
     collision_cylinders: tuple[CollisionCylinder, ...] = ()
     collision_hulls: str | None = Field(None, description="OBJ file in mesh_unit; its objects are convex pieces")
     heap: HeapConfig
-    tolerance: float = Field(0.005, gt=0, description="T_e of the paper in [m]")
+    tolerance: Fine = Field(0.005, gt=0, description="T_e of the paper in [m]")
 
 
 @dataclass(frozen=True)

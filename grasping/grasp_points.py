@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from cell.config import Config, parse, read_yaml
+from cell.config import Config, Fine, Offset, OffsetPoint, Small, parse, read_yaml
 from cell.errors import InputError
 from cell.frames import Array, about_axis, make_transform
 from cell.jaw import ParallelJaw
@@ -47,7 +47,7 @@ class Slide(Config):
     """Freedom to grip elsewhere along a direction of the CAD."""
 
     along: Triple
-    offsets: tuple[float, ...] = Field(min_length=1, description="[m], most wanted first")
+    offsets: tuple[Offset, ...] = Field(min_length=1, description="[m], most wanted first")
 
     @model_validator(mode="after")
     def _somewhere(self) -> Slide:
@@ -65,17 +65,19 @@ class GraspPoint(Config):
 
     name: str = Field(min_length=1)
     gripper: str | None = Field(None, min_length=1, description="that it is made for; that of the table when left out")
-    centre: Triple
+    centre: OffsetPoint
     approach: Triple
     closing: Triple
-    width: float = Field(gt=0, description="[m] of the workpiece between the pads")
-    opening: float | None = Field(None, gt=0, description="[m] of the jaws on the way in; width + 5 mm when left out")
-    stroke: float | None = Field(None, gt=0, description="[m] the jaws close by, in place of `opening`")
-    depths: tuple[float, ...] = Field((0.004,), min_length=1, description="[m] tips past the centre, most wanted first")
-    approach_distance: float = Field(0.06, gt=0, le=0.5, description="[m] straight line before the grasp")
-    retract_distance: float = Field(0.10, gt=0, le=0.5, description="[m] straight line up after it")
+    width: Small = Field(description="[m] of the workpiece between the pads")
+    opening: Small | None = Field(None, description="[m] of the jaws on the way in; width + 5 mm when left out")
+    stroke: Small | None = Field(None, description="[m] the jaws close by, in place of `opening`")
+    depths: tuple[Offset, ...] = Field(
+        (0.004,), min_length=1, description="[m] tips past the centre, most wanted first"
+    )
+    approach_distance: Small = Field(0.06, description="[m] straight line before the grasp")
+    retract_distance: Small = Field(0.10, description="[m] straight line up after it")
     priority: float = Field(1.0, ge=0, le=1)
-    tolerance: float = Field(0.003, gt=0, description="[m] error of the pose under which the grasp still holds")
+    tolerance: Fine = Field(0.003, gt=0, description="[m] error of the pose under which the grasp still holds")
     robustness: float = Field(
         1.0, ge=0, le=1, description="share of disturbed poses at which it held, a term of the rank"
     )

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from cell.config import Config, parse, read_yaml
+from cell.config import Config, OffsetPoint, parse, read_yaml
 from cell.errors import InputError
 from cell.frames import Array, from_quat_xyzw, invert, to_quat_xyzw
 from grasping.grasp_points import GraspPoint, GraspPoses
@@ -45,7 +45,7 @@ class _Orientation(_Open):
 
 class _Grasp(_Open):
     confidence: float = Field(ge=0, le=1)
-    position: Triple
+    position: OffsetPoint
     orientation: _Orientation
     cspace_position: dict[str, float] = Field(min_length=1)
     pregrasp_cspace_position: dict[str, float] = Field(min_length=1)

@@ -41,6 +41,12 @@ def scene_folder(split: Path, scene: int) -> Path:
     return split / f"{scene:06d}"
 
 
+def of_sensor(name: str, sensor: str) -> str:
+    """Name of a file or folder of a sensor, as BOP-Industrial has them: scene_gt_photoneo.json, depth_photoneo."""
+    path = Path(name)
+    return f"{path.stem}_{sensor}{path.suffix}" if sensor else name
+
+
 def mask_name(image: int, instance: int) -> str:
     """File name of an instance's mask; `instance` is its index in scene_gt.json."""
     return f"{image:06d}_{instance:06d}.png"

@@ -23,13 +23,22 @@ from perception.bop_format import (
     MM,
     MODELS_INFO,
     mask_name,
+    of_sensor,
     read_json,
     read_pose,
 )
+from perception.bop_sensor import sensor_of, split_folder
+from perception.camera_check import check_matrix, check_pose, check_size, check_step
+from perception.camera_file import NEAREST_WORLD, pose_in_mm
+from perception.camera_layout import Section
 from perception.cloud import roi_mask
 from perception.depth_noise import measured_sigma
 from perception.region import region_of_interest
 
+NEAREST_PART = 50.0
+"""[mm] from the camera to a workpiece, below which a translation is likely in m."""
+BIN_MM = (10.0, 5000.0)
+"""[mm] between which the inner lengths of a bin lie."""
 SAME_SIZE = 0.01
 """Difference of edge lengths, relative to the longest, up to which a model of the dataset is the workpiece."""
 
@@ -47,6 +56,7 @@ class BopImage:
         bin: where workpieces lie in the world, where dataset_info.json says so.
         Ts_camera_part: (n, 4, 4) in [m], of the workpiece's own CAD frame; indices: (n,) of each in scene_gt.json.
         T_model_part: (4, 4) from the workpiece's frame to that of the dataset's model.
+        sensor: that names of files and folders end with, empty for the only one.
     """
 
     folder: Path
@@ -61,6 +71,7 @@ class BopImage:
     Ts_camera_part: Array
     indices: tuple[int, ...]
     T_model_part: Array
+    sensor: str = ""
 
     def frame(self) -> DepthFrame:
         """The measured depth.
@@ -68,7 +79,7 @@ class BopImage:
         Raises:
             InputError: no readable 16-bit image.
         """
-        path = self.folder / "depth" / f"{self.image:06d}.png"
+        path = self.folder / of_sensor("depth", self.sensor) / f"{self.image:06d}.png"
         path = path if path.is_file() else path.with_suffix(".tif")
         counts = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
         if counts is None or counts.dtype != np.uint16 or counts.ndim != 2:
@@ -76,6 +87,8 @@ class BopImage:
         step = self.depth_scale / MM
         depth = (counts * step).astype(np.float32)
         K = Intrinsics(counts.shape[1], counts.shape[0], *self.focal, *self.centre)
+        matrix = np.array([[K.fx, 0.0, K.cx], [0.0, K.fy, K.cy], [0.0, 0.0, 1.0]])
+        check_size(matrix, K.width, K.height, True, self.folder / of_sensor(CAMERA, self.sensor))
         return DepthFrame(depth, K, self.T_world_camera, measured_sigma(depth, step))
 
     def region(self, frame: DepthFrame, workpiece: Workpiece) -> np.ndarray:
@@ -88,13 +101,14 @@ class BopImage:
         By the masks of visible surfaces; where the dataset has none, where the CAD at the true pose lies within the
         workpiece's tolerance of the measured depth.
         """
-        if not (self.folder / "mask_visib").is_dir():
+        masks = self.folder / of_sensor("mask_visib", self.sensor)
+        if not masks.is_dir():
             exact = render(workpiece.vertices, workpiece.faces, self.Ts_camera_part, (), frame.intrinsics, np.eye(4))
             near = (frame.depth > 0) & (np.abs(frame.depth - exact.depth) < workpiece.tolerance)
             return np.where(near, exact.ids, np.int32(-1))
         ids = np.full(frame.depth.shape, -1, np.int32)
         for i, index in enumerate(self.indices):
-            path = self.folder / "mask_visib" / mask_name(self.image, index)
+            path = masks / mask_name(self.image, index)
             mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
             if mask is None or mask.shape[:2] != ids.shape:
                 raise InputError(path, "", "missing, unreadable or of another size", f"a mask of {ids.shape} pixels")
@@ -102,52 +116,68 @@ class BopImage:
         return ids
 
 
-def read_bop(folder: Path, split: str | None, obj: int | None, workpiece: Workpiece) -> list[BopImage]:
+def read_bop(
+    folder: Path, split: str | None, obj: int | None, workpiece: Workpiece, sensor: str | None = None
+) -> list[BopImage]:
     """The images of a split that hold the object, by scene and image.
 
     Args:
         split: None where there is but one.
         obj: its id; None where the dataset has but one.
+        sensor: of datasets with several, as photoneo; None where the split has depth of but one.
 
     Raises:
-        InputError: no such dataset, split or object, or files that are not as the format has them.
+        InputError: no such dataset, split, sensor or object, or files that are not as the format has them.
     """
     obj, T_model_part = _model(folder, obj, workpiece)
     bin = _bin(folder)
     images: list[BopImage] = []
-    for scene_folder in sorted(p for p in _split(folder, split).iterdir() if p.is_dir() and p.name.isdigit()):
-        truth = read_json(scene_folder / GROUND_TRUTH, "true poses; hidden ones cannot be scored")
-        cameras = read_json(scene_folder / CAMERA, "the cameras of a BOP scene")
-        for key in sorted(truth, key=int):
-            mine = [(i, entry) for i, entry in enumerate(truth[key]) if entry.get("obj_id") == obj]
-            if mine:
-                images.append(_image(scene_folder, key, obj, cameras, mine, bin, T_model_part))
+    chosen = split_folder(folder, split)
+    sensor = sensor_of(chosen, sensor)
+    for scene_folder in sorted(p for p in chosen.iterdir() if p.is_dir() and p.name.isdigit()):
+        path = scene_folder / of_sensor(GROUND_TRUTH, sensor)
+        truth = read_json(path, "true poses; hidden ones cannot be scored")
+        cameras = read_json(scene_folder / of_sensor(CAMERA, sensor), "the cameras of a BOP scene")
+        for key, mine in _of_object(path, truth, obj):
+            images.append(_image(scene_folder, key, cameras, mine, (obj, bin, T_model_part, sensor)))
     if not images:
-        raise InputError(_split(folder, split), "", f"no image of object {obj}", "scenes that hold it")
+        raise InputError(chosen, "", f"no image of object {obj}", "scenes that hold it")
     return images
+
+
+def _of_object(path: Path, truth: Any, obj: int) -> list[tuple[str, list[tuple[int, dict[str, Any]]]]]:
+    """Image's key, and the index and entry of each instance of the object in it."""
+    try:
+        found = [
+            (key, [(i, entry) for i, entry in enumerate(truth[key]) if entry.get("obj_id") == obj])
+            for key in sorted(truth, key=int)
+        ]
+    except (TypeError, ValueError, AttributeError) as error:
+        raise InputError(path, "", str(error), "lists of true poses by image, as the BOP format has them") from None
+    return [(key, mine) for key, mine in found if mine]
 
 
 def _image(
     folder: Path,
     key: str,
-    obj: int,
-    cameras: dict[str, Any],
+    cameras: Any,
     mine: list[tuple[int, dict[str, Any]]],
-    bin: Bin | None,
-    T_model_part: Array,
+    of: tuple[int, Bin | None, Array, str],
 ) -> BopImage:
-    path, field = folder / CAMERA, key
-    try:
-        camera = cameras[key]
-        K = np.reshape(np.asarray(camera["cam_K"], dtype=np.float64), (3, 3))
-        scale = float(camera["depth_scale"])
-        T = invert(read_pose(camera, "cam_R_w2c", "cam_t_w2c")) if "cam_R_w2c" in camera else np.eye(4)
-        path, field = folder / GROUND_TRUTH, key
-        poses = np.array([read_pose(entry, "cam_R_m2c", "cam_t_m2c") for _, entry in mine])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(path, field, f"{type(error).__name__}: {error}", "an entry as the BOP format has it") from None
-    if not (np.isfinite(K).all() and min(K[0, 0], K[1, 1], scale) > 0 and np.isfinite(poses).all()):
-        raise InputError(path, field, "not finite, or not above 0", "a calibrated camera and finite poses")
+    obj, bin, T_model_part, sensor = of
+    path = folder / of_sensor(CAMERA, sensor)
+    entry = cameras.get(key) if isinstance(cameras, dict) else None
+    if not isinstance(entry, dict) or any(name not in entry for name in ("cam_K", "depth_scale")):
+        raise InputError(path, key, entry, "cam_K and depth_scale, as the BOP format has them")
+    camera = Section(entry, path, f"{key}.")
+    K = camera.numbers("cam_K", (9,)).reshape(3, 3)
+    check_matrix(K, f"{path}: {key}")
+    scale = camera.number("depth_scale")
+    check_step(scale / MM, path, f"{key}.depth_scale")
+    has_pose = camera.has("cam_R_w2c")
+    if has_pose != camera.has("cam_t_w2c"):
+        raise camera.bad("cam_R_w2c, cam_t_w2c", "one of them", "both, or neither")
+    T = invert(pose_in_mm(camera, "cam_R_w2c", "cam_t_w2c", NEAREST_WORLD, zero=True)) if has_pose else np.eye(4)
     return BopImage(
         folder=folder,
         scene=int(folder.name),
@@ -157,21 +187,20 @@ def _image(
         centre=(float(K[0, 2]), float(K[1, 2])),
         depth_scale=scale,
         T_world_camera=T,
-        bin=bin if "cam_R_w2c" in camera else None,
-        Ts_camera_part=poses @ T_model_part,
+        bin=bin if has_pose else None,
+        Ts_camera_part=np.array([_pose(folder, key, i, entry, sensor) for i, entry in mine]) @ T_model_part,
         indices=tuple(i for i, _ in mine),
         T_model_part=T_model_part,
+        sensor=sensor,
     )
 
 
-def _split(folder: Path, split: str | None) -> Path:
-    there = sorted(p.parent.parent.name for p in folder.glob(f"*/*/{GROUND_TRUTH}"))
-    names = sorted(set(there))
-    if split is None and len(names) == 1:
-        split = names[0]
-    if split not in names:
-        raise InputError("command line", "--split", split, f"one of: {', '.join(names) or f'no split in {folder}'}")
-    return folder / split
+def _pose(folder: Path, key: str, index: int, entry: dict[str, Any], sensor: str) -> Array:
+    section = Section(entry, folder / of_sensor(GROUND_TRUTH, sensor), f"{key}.{index}.")
+    for name in ("cam_R_m2c", "cam_t_m2c"):
+        if not section.has(name):
+            raise section.bad(name, "nothing", "an entry as the BOP format has it")
+    return pose_in_mm(section, "cam_R_m2c", "cam_t_m2c", NEAREST_PART)
 
 
 def _model(folder: Path, obj: int | None, workpiece: Workpiece) -> tuple[int, Array]:
@@ -211,6 +240,9 @@ def _bin(folder: Path) -> Bin | None:
         T = read_pose(entry, "R_bin2w", "t_bin2w")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, "bin", str(error), "inner, R_bin2w and t_bin2w in mm") from None
+    check_pose(T, path, "bin")
+    if not all(BIN_MM[0] <= MM * e <= BIN_MM[1] for e in (x, y, z)):
+        raise InputError(path, "bin.inner", entry["inner"], f"{BIN_MM[0]:g} to {BIN_MM[1]:g} mm; in mm, is it in m?")
     if abs(T[2, 2] - 1) > 1e-9:
         raise InputError(path, "bin.R_bin2w", entry["R_bin2w"], "a bin whose floor is level in the world")
     return Bin("bin", (x, y, z), 0.0, (T[0, 3], T[1, 3], T[2, 3]), float(np.arctan2(T[1, 0], T[0, 0])))

@@ -133,8 +133,8 @@ def main_fit_score(args: argparse.Namespace) -> int:
             raise InputError("command line", f"--{option}", value, f"{least} to {most}")
     workpiece = load_workpiece(args.workpiece)
     out = args.out or score_path(workpiece)
-    if not out.parent.is_dir():
-        raise InputError("command line", "--out", str(out), "a file in a folder that exists")
+    if not out.parent.is_dir() or (out.exists() and not out.is_file()):
+        raise InputError("command line", "--out", str(out), "a regular file in a folder that exists")
     setup = Setup(workpiece.name, args.weights, SensorConfig(), VALIDATION_SEED, calibrated=False)
     setup.check()
     console = Console()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -14,12 +15,12 @@ import numpy as np
 
 from cell.bin import Bin
 from cell.camera import DepthFrame
-from cell.config import Config, load
+from cell.config import Config, Size, load
 from cell.errors import InputError
 from cell.frames import apply, invert
-from cell.pieces import Triple
 from cell.workpiece import UNITS, Workpiece, load_workpiece
-from perception.camera_file import is_rigid
+from perception.bop_format import MM
+from perception.camera_check import FARTHEST, check_pose, check_sigma, check_step
 from perception.cloud import roi_mask, scene_cloud
 from perception.estimate import Perception
 from perception.pose_picture import draw_poses
@@ -32,12 +33,14 @@ from perception.weights import file_hash, weights_path
 SCHEMA = 1
 MOST_VOXELS = 150_000
 """Occupied voxels of level 0 up to which a cloud is taken: some seconds and 2 GB."""
+LARGER = 4.0
+"""How many times as wide and as long as what is seen a bin can be."""
 
 
 class BinFile(Config):
     """A bin in the frame of the input: inner length, width and depth [m], and the pose of its floor's centre, z up."""
 
-    inner: Triple
+    inner: Size
     T_world_bin: tuple[tuple[float, float, float, float], ...]
 
 
@@ -49,6 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name in ("fx", "fy", "cx", "cy"):
         parser.add_argument(f"--{name}", type=float, metavar="PIXEL", help="all four in place of --camera")
     parser.add_argument("--depth-scale", type=float, metavar="MM", help="millimetres a count of a depth image")
+    parser.add_argument("--camera-id", type=int, metavar="ID", help="entry of a scene_camera.json (default: by name)")
+    parser.add_argument("--depth-is", choices=("z", "range"), default="z", help="range: the length of the ray")
     parser.add_argument("--unit", choices=sorted(UNITS), help="of a cloud or of depth in floats (default m)")
     parser.add_argument("--camera-pose", type=Path, metavar="FILE", help="4 x 4 T_world_camera of the input, in m")
     parser.add_argument("--sigma", type=float, metavar="M", help="noise of a depth (default: measured in the input)")
@@ -65,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """`pickproof perceive WORKPIECE INPUT`."""
     workpiece = load_workpiece(args.workpiece)
-    frame = read_frame(args.input, _options(args), workpiece)
+    frame = read_frame(args.input, _options(args), workpiece, _warn)
     region = region_of(frame, workpiece, args.roi, args.bin)
     _check_region(args.input, frame, region, workpiece)
     perception = Perception.load(workpiece, args.weights)
@@ -119,6 +124,8 @@ def region_of(
         low, high = np.reshape(box, (2, 3))
         if not (np.isfinite(box).all() and (low < high).all()):
             raise InputError("command line", "--roi", box, "a low corner, then a high corner")
+        if np.abs(box).max() > FARTHEST:
+            raise InputError("command line", "--roi", box, f"within {FARTHEST:g} m; in m, is it in mm?")
         points, pixels = frame.points_camera()
         world = apply(frame.T_world_camera, points)
         inside = pixels[((world > low) & (world < high)).all(1)]
@@ -128,12 +135,28 @@ def region_of(
     if bin is not None:
         described = load(BinFile, bin)
         T_world_bin = np.array(described.T_world_bin, dtype=np.float64)
-        if T_world_bin.shape != (4, 4) or not is_rigid(T_world_bin):
-            raise InputError(bin, "T_world_bin", described.T_world_bin, "a 4 x 4 rigid transform")
+        check_pose(T_world_bin, bin, "T_world_bin")
         # a bin's floor is level in its world, so the world is put into the bin's frame
         in_bin = replace(frame, T_world_camera=invert(T_world_bin) @ frame.T_world_camera)
+        _check_bin(bin, in_bin, described.inner)
         return roi_mask(in_bin, Bin("bin", described.inner, 0.0, (0.0, 0.0, 0.0)))
     return region_of_interest(frame, workpiece)
+
+
+def _check_bin(path: Path, in_bin: DepthFrame, inner: tuple[float, float, float]) -> None:
+    """The camera, whose pose is now that in the bin, looks into it from above, and sees more than a corner of it."""
+    height = float(in_bin.T_world_camera[2, 3])
+    if height <= 0:
+        valid = "a bin whose z axis leaves its floor towards the camera"
+        raise InputError(path, "T_world_bin", f"the camera {-height:.3g} m below the floor", valid)
+    seen = np.ptp(np.percentile(in_bin.points_world()[:, :2], (1, 99), axis=0), axis=0)
+    if (np.array(inner[:2]) > LARGER * seen).all():
+        found = f"{inner[0]:g} x {inner[1]:g} m, where the input shows {seen[0]:.3g} x {seen[1]:.3g} m"
+        raise InputError(path, "inner", found, f"at most {LARGER:g} times what is seen; in m")
+
+
+def _warn(text: str) -> None:
+    print(f"pickproof: warning: {text}", file=sys.stderr)
 
 
 def _check_region(path: Path, frame: DepthFrame, region: np.ndarray, workpiece: Workpiece) -> None:
@@ -155,17 +178,20 @@ def _options(args: argparse.Namespace) -> Options:
         missing = ", ".join(f"--{name}" for name in given if name not in said)
         value = f"--camera and {', '.join(f'--{n}' for n in said)}" if args.camera else f"no {missing}"
         raise InputError("command line", "intrinsics", value, "--camera FILE, or all of --fx --fy --cx --cy")
-    for option, value in (("--depth-scale", args.depth_scale), ("--sigma", args.sigma)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise InputError("command line", option, value, "a number above 0")
+    if args.depth_scale is not None:
+        check_step(args.depth_scale / MM, "command line", "--depth-scale")
+    if args.sigma is not None:
+        check_sigma(args.sigma, "command line", "--sigma")
     if args.seed < 0:
         raise InputError("command line", "--seed", args.seed, "0 or more")
     return Options(
         camera=args.camera,
         focal=(args.fx, args.fy) if said else None,
         centre=(args.cx, args.cy) if said else None,
+        camera_id=args.camera_id,
         depth_scale=args.depth_scale,
         unit=args.unit,
+        depth_is=args.depth_is,
         pose=args.camera_pose,
         sigma=args.sigma,
     )

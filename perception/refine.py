@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from cell.camera import DepthFrame
-from cell.config import Config
+from cell.config import Config, Sigma
 from cell.frames import Array, make_transform
 from cell.workpiece import Workpiece
 from perception.agreement import soft_score
@@ -34,8 +34,8 @@ class RefineConfig(Config):
     verify: VerifyConfig = VerifyConfig()
     second_round: bool = Field(True, description="search again among the votes that no accepted pose explains")
     hypotheses_second: HypothesisConfig = HypothesisConfig(votes_per_place=24, keep=4, max_places=8, min_votes_place=5)
-    depth_sigma: float | None = Field(
-        None, ge=0, description="[m] standard deviation of a measured depth; none: what the frame says"
+    depth_sigma: Sigma | None = Field(
+        None, description="[m] standard deviation of a measured depth; none: what the frame says"
     )
 
 

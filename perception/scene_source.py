@@ -13,11 +13,12 @@ from perception.scene_set import SceneSet
 
 
 def add_source_arguments(parser: argparse.ArgumentParser) -> None:
-    """--data, --bop, --split and --obj."""
+    """--data, --bop, --split, --bop-sensor and --obj."""
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--data", type=Path, metavar="DIR", help="scenes that `pickproof generate` settled")
     source.add_argument("--bop", type=Path, metavar="DIR", help="depth images and poses of a BOP dataset")
     parser.add_argument("--split", default=None, help="of --bop, as train_pbr (default: the only one)")
+    parser.add_argument("--bop-sensor", default=None, metavar="NAME", help="of --bop with several, as photoneo")
     parser.add_argument("--obj", type=int, default=None, metavar="ID", help="object of --bop (default: the only one)")
 
 
@@ -27,13 +28,13 @@ def given_scenes(args: argparse.Namespace, workpiece: Workpiece, workers: int) -
     Raises:
         InputError: no such scenes.
     """
-    for option, value in (("--split", args.split), ("--obj", args.obj)):
+    for option, value in (("--split", args.split), ("--bop-sensor", args.bop_sensor), ("--obj", args.obj)):
         if value is not None and args.bop is None:
             raise InputError("command line", option, value, "to stand beside --bop DIR")
     if args.bop is not None:
         if not args.bop.is_dir():
             raise InputError("command line", "--bop", str(args.bop), "the folder of a BOP dataset")
-        return list(read_bop(args.bop, args.split, args.obj, workpiece))
+        return list(read_bop(args.bop, args.split, args.obj, workpiece, args.bop_sensor))
     if args.data is not None:
         return list(SceneSet.load(args.data, workpiece.name).heaps(workers))
     return None

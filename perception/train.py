@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cell.errors import InputError
 from cell.frames import Array
+from cell.numerics import use_fast_training
 from cell.workpiece import Workpiece, load_workpiece
 from perception.bop_read import BopImage
 from perception.dataset import Sample, Scene, image_sample, make_sample, stream
@@ -176,6 +177,7 @@ def command_line(args: argparse.Namespace) -> str:
 
 def main_train(args: argparse.Namespace) -> int:
     """`pickproof train WORKPIECE`."""
+    use_fast_training()
     for name, most in MOST.items():
         if not 0 < getattr(args, name) <= most:
             valid = f"a number above 0 and at most {most:g}"

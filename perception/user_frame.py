@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,16 +12,24 @@ import numpy as np
 from cell.camera import DepthFrame
 from cell.errors import InputError
 from cell.frames import Array, apply, invert
-from cell.point_file import FORMATS, read_point_file
+from cell.point_file import FORMATS, read_point_file, sensor_pose
 from cell.workpiece import UNITS, Workpiece
 from perception.bop_format import MM
-from perception.camera_file import CameraFile, checked, is_rigid, read_camera
+from perception.camera_check import FARTHEST, check_matrix, check_pose
+from perception.camera_file import CameraFile, read_camera
 from perception.depth_noise import measured_sigma
+from perception.ray_length import bends_flat_surfaces, to_z
 from perception.virtual_camera import depth_image
 
 IMAGES, ARRAYS = (".png", ".tif", ".tiff"), (".npy", ".npz")
-NEAREST, FARTHEST = 0.05, 20.0
-"""[m] between which the median distance of a scene lies; outside, the unit is another."""
+NEAREST = 0.05
+"""[m] below which the median distance of a scene cannot lie, nor beyond FARTHEST; the unit is another."""
+STEEPEST = 3.7
+"""Most that x/z and y/z of a cloud in a camera's frame can be: half of an angle of view of 150 deg."""
+LOOKS_LIKE = {
+    "z": "depth looks like ray length, not z: a flat surface of {} is bent; --depth-is range converts",
+    "range": "depth looks like z, not ray length: --depth-is range bends a flat surface of {}; leave it out",
+}
 LEAST_PIXELS = 16
 """Pixels along the workpiece's longest side below which its pose cannot be seen."""
 
@@ -31,8 +40,10 @@ class Options:
 
     Attributes:
         camera: file of the intrinsics; focal: fx, fy and centre: cx, cy in [pixel] in its place.
+        camera_id: entry of a scene_camera.json; None for that of the image's number.
         depth_scale: [mm] a count of an image of integers.
         unit: of numbers that are not integers: m, cm or mm.
+        depth_is: z, or range: the length of the ray.
         pose: file of the 4 x 4 transform T_world_camera in [m]; of a cloud the world is its own frame.
         sigma: [m] standard deviation of a measured depth.
     """
@@ -40,14 +51,21 @@ class Options:
     camera: Path | None = None
     focal: tuple[float, float] | None = None
     centre: tuple[float, float] | None = None
+    camera_id: int | None = None
     depth_scale: float | None = None
     unit: str | None = None
+    depth_is: str = "z"
     pose: Path | None = None
     sigma: float | None = None
 
 
-def read_frame(path: Path, options: Options, workpiece: Workpiece) -> DepthFrame:
+def read_frame(
+    path: Path, options: Options, workpiece: Workpiece, warn: Callable[[str], None] = lambda _: None
+) -> DepthFrame:
     """The depth frame of an image or a cloud.
+
+    Args:
+        warn: is told what looks wrong but can be right.
 
     Raises:
         InputError: a file cannot be read or says too little, or its numbers cannot be true of this workpiece.
@@ -59,7 +77,8 @@ def read_frame(path: Path, options: Options, workpiece: Workpiece) -> DepthFrame
         raise InputError(path, "", "missing file", "a depth image or a point cloud")
     values = _image(path) if suffix in IMAGES else _array(path) if suffix in ARRAYS else read_point_file(path)
     is_cloud = values.shape[-1] == 3 and (values.ndim == 3 or suffix not in IMAGES)
-    frame = _of_cloud(path, values.reshape(-1, 3), options) if is_cloud else _of_depth(path, values, options)
+    _check_options(path, options, is_cloud, values.dtype.kind == "f")
+    frame = _of_cloud(path, values.reshape(-1, 3), options) if is_cloud else _of_depth(path, values, options, warn)
     _check_scale(path, frame, workpiece, "--unit" if is_cloud or values.dtype.kind == "f" else "--depth-scale")
     return frame
 
@@ -89,7 +108,20 @@ def _array(path: Path) -> np.ndarray:
     return values if values.dtype.kind in "ui" and values.ndim == 2 else values.astype(np.float64)
 
 
-def _of_depth(path: Path, values: np.ndarray, options: Options) -> DepthFrame:
+def _check_options(path: Path, options: Options, is_cloud: bool, is_float: bool) -> None:
+    """Refuse options that would be passed over."""
+    what = "a cloud" if is_cloud else "depth in floats" if is_float else "depth in integers"
+    if options.depth_scale is not None and (is_cloud or is_float):
+        raise InputError("command line", "--depth-scale", options.depth_scale, f"none: {path} is {what}; --unit says")
+    if options.unit is not None and not (is_cloud or is_float):
+        raise InputError("command line", "--unit", options.unit, f"none: {path} is {what}; --depth-scale says")
+    if options.depth_is != "z" and is_cloud:
+        raise InputError("command line", "--depth-is", options.depth_is, f"z: {path} is {what}")
+    if options.camera_id is not None and (is_cloud or options.focal is not None):
+        raise InputError("command line", "--camera-id", options.camera_id, "to stand beside --camera scene_camera.json")
+
+
+def _of_depth(path: Path, values: np.ndarray, options: Options, warn: Callable[[str], None]) -> DepthFrame:
     camera = _camera(path, options)
     height, width = values.shape
     K = camera.intrinsics(width, height, path)
@@ -102,8 +134,13 @@ def _of_depth(path: Path, values: np.ndarray, options: Options) -> DepthFrame:
     depth = np.where(np.isfinite(depth) & (depth > 0), depth, 0.0).astype(np.float32)
     if not depth.any():
         raise InputError(path, "", "no pixel with a depth above 0", "a measured scene")
+    _check_distance(path, float(np.median(depth[depth > 0])), "--unit" if is_float else "--depth-scale")
     pose = _pose(options.pose) if options.pose is not None else camera.T_world_camera
     sigma = options.sigma or camera.sigma or measured_sigma(depth, 0.0 if is_float else step)
+    if bends_flat_surfaces(depth, K, sigma, options.depth_is):
+        warn(LOOKS_LIKE[options.depth_is].format(path))
+    if options.depth_is == "range":
+        depth = to_z(depth, K).astype(np.float32)
     return DepthFrame(depth, K, np.eye(4) if pose is None else pose, sigma)
 
 
@@ -112,18 +149,19 @@ def _camera(path: Path, options: Options) -> CameraFile:
     if options.focal is not None and options.centre is not None:
         (fx, fy), (cx, cy) = options.focal, options.centre
         K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        return checked(CameraFile(K), "command line")
+        check_matrix(K, "command line")
+        return CameraFile(K)
     beside = path.with_suffix(".json")
     if options.camera is None and not beside.is_file():
         raise InputError(path, "intrinsics", "missing", "--camera FILE, or --fx --fy --cx --cy")
-    return read_camera(options.camera or beside)
+    return read_camera(options.camera or beside, path, options.camera_id)
 
 
 def _of_cloud(path: Path, points: Array, options: Options) -> DepthFrame:
     points = points[np.isfinite(points).all(1) & points.any(1)] * UNITS[options.unit or "m"]
     if len(points) < 64:
         raise InputError(path, "", f"{len(points)} finite points", "64 or more")
-    T = _pose(options.pose) if options.pose is not None else np.eye(4)
+    T = _pose(options.pose) if options.pose is not None else _stored_pose(path, points, UNITS[options.unit or "m"])
     points_camera = apply(invert(T), points)
     ahead = points_camera[:, 2] > 1e-6
     if ahead.mean() < 0.99:
@@ -134,6 +172,36 @@ def _of_cloud(path: Path, points: Array, options: Options) -> DepthFrame:
     near = points_camera[ahead & (points_camera[:, 2] < 10 * middle)]
     frame = depth_image(near, T)
     return frame if options.sigma is None else DepthFrame(frame.depth, frame.intrinsics, T, options.sigma)
+
+
+def _stored_pose(path: Path, points: Array, unit: float) -> Array:
+    """T_world_camera (4, 4) [m] of the cloud's file, identity without one.
+
+    A PCD file's VIEWPOINT is where the sensor stood in the cloud's frame. Some programs write points in the sensor's
+    frame beside it, so it counts only where the points cannot be meant so.
+
+    Raises:
+        InputError: it may be either, or neither.
+    """
+    T = sensor_pose(path)
+    if T is None:
+        return np.eye(4)
+    T[:3, 3] *= unit
+    if np.linalg.norm(T[:3, 3]) > FARTHEST:
+        raise InputError(path, "VIEWPOINT", T[:3, 3].tolist(), f"a sensor within {FARTHEST:g} m; is --unit right?")
+    if not _can_be_seen(apply(invert(T), points)) or _can_be_seen(points):
+        valid = (
+            "a sensor that sees the points from there, and not from the origin too; --camera-pose says where it stood"
+        )
+        raise InputError(path, "VIEWPOINT", np.round(T, 6).tolist(), valid)
+    return T
+
+
+def _can_be_seen(points: Array) -> bool:
+    """Whether points (n, 3) [m] can be those of a camera at the origin, z forward."""
+    x, y, z = points.T
+    before = (z > 1e-6) & (np.abs(x) < STEEPEST * z) & (np.abs(y) < STEEPEST * z)
+    return bool(before.mean() > 0.99) and NEAREST < float(np.median(z)) < FARTHEST
 
 
 def _pose(path: Path) -> Array:
@@ -148,8 +216,7 @@ def _pose(path: Path) -> Array:
         T = np.reshape(T, (4, 4)).astype(np.float64)
     except (OSError, ValueError) as error:
         raise InputError(path, "", str(error), valid) from None
-    if not is_rigid(T):
-        raise InputError(path, "", T.tolist(), valid)
+    check_pose(T, path, "")
     return T
 
 

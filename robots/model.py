@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from cell.config import Config, load
+from cell.config import Config, Length, Offset, load
 from cell.errors import InputError, did_you_mean
 from cell.frames import Array
 
@@ -22,13 +22,13 @@ Six = tuple[float, float, float, float, float, float]
 class OpwConfig(Config):
     """Lengths [m], offsets [deg] and flips of an ortho-parallel arm with a spherical wrist (Brandstoetter 2014)."""
 
-    a1: float
-    a2: float
-    b: float
-    c1: float
-    c2: float
-    c3: float
-    c4: float
+    a1: Offset
+    a2: Offset
+    b: Offset
+    c1: Offset
+    c2: Offset
+    c3: Offset
+    c4: Offset
     offsets_deg: Six
     flips: tuple[bool, bool, bool, bool, bool, bool]
 
@@ -41,7 +41,7 @@ class RobotConfig(Config):
     joints: tuple[str, str, str, str, str, str]
     flange: str
     payload: float = Field(gt=0, description="[kg]")
-    reach: float = Field(gt=0, description="J1 axis to wrist centre [m]")
+    reach: Length = Field(description="J1 axis to wrist centre [m]")
     opw: OpwConfig
     velocity_deg: Six
     time_to_velocity: float = Field(gt=0, description="v_max / a_max [s]")

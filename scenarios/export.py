@@ -63,11 +63,14 @@ def main(args: argparse.Namespace) -> int:
     table = to_table(Campaign.open(args.directory))
     from pyarrow import parquet
 
-    partial = args.parquet.with_name(args.parquet.name + ".partial")
+    target = args.parquet.resolve()
+    if target.exists() and not target.is_file():
+        raise InputError("command line", "--parquet", str(args.parquet), "a regular file")
+    partial = target.with_name(target.name + ".partial")
     try:
-        args.parquet.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         parquet.write_table(table, partial, compression="zstd")
-        partial.replace(args.parquet)
+        partial.replace(target)
     except OSError as error:
         raise StoreError(f"{args.parquet}: cannot be written ({error.strerror or error})") from None
     print(f"wrote {args.parquet}: {table.num_rows} attempts, {table.num_columns} columns")

@@ -16,14 +16,21 @@ class StoreError(PickproofError):
 def write_whole(path: Path, content: str | bytes) -> Path:
     """Write a file, text as UTF-8, or leave what was there.
 
+    A link stays one, and what is no regular file, as /dev/null or a pipe, is written to and never replaced.
+
     Raises:
         StoreError: it cannot be written.
     """
-    partial = path.with_name(path.name + ".partial")
+    data = content.encode() if isinstance(content, str) else content
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content.encode() if isinstance(content, str) else content)
-        partial.replace(path)
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+            return path
+        target = path.resolve()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        partial = target.with_name(target.name + ".partial")
+        partial.write_bytes(data)
+        partial.replace(target)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written ({error.strerror})") from None
     return path

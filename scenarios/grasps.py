@@ -148,6 +148,8 @@ def _edit(args: argparse.Namespace) -> int:
 
     workpiece = load_workpiece(args.workpiece)
     path = args.grasps or workpiece.folder / "grasps.yaml"
+    if path.exists() and not path.is_file():
+        raise InputError("command line", "--grasps", str(path), "a regular file")
     if path.is_file() and path.stat().st_size:
         read_yaml(path)  # what is no YAML is no table that can be edited
     gripper = load_gripper(args.gripper or _gripper_of(path))

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from cell.config import Config
+from cell.config import Config, Length, OffsetPoint, Point
 from cell.frames import Array, from_rpy, make_transform
 
 Triple = tuple[float, float, float]
@@ -25,12 +25,12 @@ class PatternPlace(Config):
     kind: Literal["pattern"]
     rows: int = Field(ge=1, le=100, description="cells along the fixture's y")
     columns: int = Field(ge=1, le=100, description="cells along the fixture's x")
-    pitch: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = Field(
-        description="[m] between the middles of cells along x and y"
-    )
-    position: Triple = Field(default=(0.0, 0.0, 0.0), description="[m] of the grid's middle in the place bin's frame")
+    pitch: tuple[Length, Length] = Field(description="[m] between the middles of cells along x and y")
+    position: Point = Field(default=(0.0, 0.0, 0.0), description="[m] of the grid's middle in the place bin's frame")
     yaw_deg: float = Field(default=0.0, description="[deg] of the fixture about the place bin's z")
-    part_position: Triple = Field(description="[m] of the CAD frame in its cell, of T_fixture_part; z from the floor")
+    part_position: OffsetPoint = Field(
+        description="[m] of the CAD frame in its cell, of T_fixture_part; z from the floor"
+    )
     part_rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[deg] of the CAD frame in its cell, fixed axes")
     tolerance_mm: float = Field(default=3.0, gt=0, description="[mm] off the wanted pose, horizontally")
     tolerance_deg: float = Field(default=5.0, gt=0, le=180, description="[deg] off it, symmetry considered")

@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -17,7 +17,7 @@ from ruamel.yaml.error import YAMLError
 
 from cell.bin import Bin, Box, table
 from cell.camera import Intrinsics, look_at
-from cell.config import Config, parse, read_yaml, yaml_value
+from cell.config import Angle, Config, Fine, Point, Size, Small, metres, parse, read_yaml, yaml_value
 from cell.errors import InputError, did_you_mean
 from cell.frames import Array
 from cell.sensor import SensorConfig
@@ -28,16 +28,16 @@ from scenarios.place_config import HeapPlace, PatternPlace, PlaceConfig
 SHIPPED = Path(__file__).resolve().parent
 OF_WORKPIECE = "scenario.yaml"
 """In a workpiece's folder: the scenario that goes by the name of that folder."""
-Triple = tuple[float, float, float]
+TableEdge = Annotated[float, Field(gt=0), metres(20.0)]
 
 
 class BinConfig(Config):
     """An open bin; its frame is at the centre of the inner floor."""
 
-    inner: Triple = Field(default=(0.26, 0.20, 0.06), description="[m] inner length (x), width (y), depth (z)")
-    wall: float = Field(default=0.006, gt=0, le=0.1, description="[m] thickness of walls and floor")
-    position: Triple = Field(description="[m] of the inner floor's centre in the world")
-    yaw: float = Field(default=0.0, description="[rad] about world z")
+    inner: Size = Field(default=(0.26, 0.20, 0.06), description="[m] inner length (x), width (y), depth (z)")
+    wall: Fine = Field(default=0.006, gt=0, description="[m] thickness of walls and floor")
+    position: Point = Field(description="[m] of the inner floor's centre in the world")
+    yaw: Angle = Field(default=0.0, description="[rad] about world z")
 
     @model_validator(mode="after")
     def _solid(self) -> BinConfig:
@@ -52,8 +52,8 @@ class BinConfig(Config):
 class TableConfig(Config):
     """The table that everything stands on."""
 
-    size: Triple = Field(default=(1.6, 1.6, 0.05), description="[m] edge lengths")
-    centre_top: Triple = Field(
+    size: tuple[TableEdge, TableEdge, TableEdge] = Field(default=(1.6, 1.6, 0.05), description="[m] edge lengths")
+    centre_top: Point = Field(
         default=(0.2, 0.0, 0.0), description="[m] centre of the top face; the robot stands at z = 0"
     )
 
@@ -67,8 +67,8 @@ class CameraConfig(Config):
     width: int = Field(default=640, ge=64, le=1280, description="[pixel]")
     height: int = Field(default=480, ge=64, le=1024, description="[pixel]")
     fov_deg: float = Field(default=21.0, gt=1, lt=120, description="[deg] full horizontal field of view")
-    eye: Triple = Field(default=(0.45, 0.0, 0.86), description="[m] position in the world")
-    target: Triple = Field(default=(0.45, 0.0, 0.01), description="[m] point that the optical axis goes through")
+    eye: Point = Field(default=(0.45, 0.0, 0.86), description="[m] position in the world")
+    target: Point = Field(default=(0.45, 0.0, 0.01), description="[m] point that the optical axis goes through")
     sensing_time_s: float = Field(default=0.4, ge=0, le=60, description="[s] a capture takes; enters the cycle time")
 
     @model_validator(mode="after")
@@ -124,12 +124,8 @@ class CarryConfig(Config):
     """How the held workpiece is moved."""
 
     speed_scale: float = Field(default=0.8, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
-    straight: float = Field(
-        default=0.012, gt=0, le=0.5, description="[m] of every line kept straight where the rest may be rounded"
-    )
-    straight_place: float = Field(
-        default=0.005, gt=0, le=0.5, description="the same at a heap's place; a pattern takes `straight`"
-    )
+    straight: Small = Field(default=0.012, description="[m] of every line kept straight where the rest may be rounded")
+    straight_place: Small = Field(default=0.005, description="the same at a heap's place; a pattern takes `straight`")
 
 
 def robots() -> list[str]:

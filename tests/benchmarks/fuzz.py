@@ -1,7 +1,7 @@
 """Hostile inputs of every kind: `python -m tests.benchmarks.fuzz --cases 2000`.
 
-Each case is a damaged or doubtful file or command line, drawn by its seed. It must be read to the right value, or refused
-in one line; a traceback or a silent error of unit ends the run with exit code 1, and the file stays.
+Each case is a damaged or doubtful file or command line, drawn by its seed. It must be read to the right value, or
+refused in one line; a traceback or a silent error of unit ends the run with exit code 1, and the file stays.
 """
 
 from __future__ import annotations

@@ -27,7 +27,8 @@ def main() -> int:
     """0 if all processors agree with golden.json, 1 if one does not, 2 without QEMU."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=list(CAMPAIGNS), default=list(CAMPAIGNS), metavar="NAME")
-    parser.add_argument("--processors", nargs="+", default=list(PROCESSORS), metavar="MODEL", help="qemu-x86_64 -cpu help")
+    models = "as `qemu-x86_64 -cpu help` lists them"
+    parser.add_argument("--processors", nargs="+", default=list(PROCESSORS), metavar="MODEL", help=models)
     args = parser.parse_args()
     qemu = shutil.which("qemu-x86_64")
     if qemu is None:

@@ -43,7 +43,7 @@ def test_numpy_takes_the_kernel_of_the_profile() -> None:
 
 
 def test_a_process_that_loaded_numpy_first_does_not_claim_the_profile() -> None:
-    code = "import numpy, cell; from cell.numerics import has_profile, profile; print(profile(), has_profile(profile()))"
+    code = "import numpy, cell; from cell.numerics import has_profile, profile as p; print(p(), has_profile(p()))"
     assert run(code) == f"{numerics.PORTABLE} False"
     child = (
         "import numpy, cell, subprocess, sys; print(subprocess.run([sys.executable, '-c', "
@@ -61,7 +61,7 @@ def test_the_switch_leaves_the_libraries_alone() -> None:
 def test_a_processor_without_avx2_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(numerics.SWITCH, raising=False)
     monkeypatch.setattr(numerics, "_processor_flags", lambda: frozenset({"sse4_2", "fma"}))
-    with pytest.raises(InputError, match=r"this machine: processor: 'no AVX2' is not valid; .*PICKPROOF_NUMERICS=native"):
+    with pytest.raises(InputError, match=r"processor: 'no AVX2' is not valid; .*PICKPROOF_NUMERICS=native"):
         numerics.check_processor()
     assert numerics.profile() == numerics.NATIVE
     monkeypatch.setenv(numerics.SWITCH, "native")

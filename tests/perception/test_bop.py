@@ -241,6 +241,11 @@ def test_train_takes_a_dataset(dataset: Path, tmp_path: Path, monkeypatch: pytes
         (["evaluate", "bracket", "--split", "test"], ["--split", "--bop"]),
         (["evaluate", "bracket", "--bop-results", "r.csv"], ["--bop-results", "--bop"]),
         (["evaluate", "bracket", "--data", "{set}"], ["set.json", "pickproof generate bracket"]),
+        (
+            ["evaluate", "bracket", "--bop", "{set}", "--split", "test", "--bop-sensor", "x"],
+            ["--bop-sensor", "has but one"],
+        ),
+        (["evaluate", "bracket", "--bop-sensor", "photoneo"], ["--bop-sensor", "--bop"]),
         (["train", "bracket", "--bop", "nowhere"], ["--bop", "nowhere"]),
         (["generate", "bracket", "--export", "coco", "x"], ["--export", "coco", "bop"]),
         (["generate", "bracket", "--export", "bop", "x", "--split", "all"], ["--split", "all", "train"]),
@@ -263,6 +268,9 @@ def test_bad_input_is_named(
         ("scene_camera.json", "{", "scene_camera"),
         ("scene_camera.json", '{"0": {"cam_K": [1, 2], "depth_scale": 1}}', "scene_camera"),
         ("scene_gt.json", '{"0": [{"obj_id": 1, "cam_R_m2c": [1], "cam_t_m2c": [0, 0, 1]}]}', "scene_gt"),
+        ("scene_gt.json", '{"0": 1}', "scene_gt"),
+        ("scene_gt.json", '[["a"]]', "scene_gt"),
+        ("scene_camera.json", '{"0": 1}', "scene_camera"),
         ("depth/000000.png", "no picture", "000000.png"),
         ("mask_visib/000000_000000.png", "no picture", "000000_000000.png"),
     ],
@@ -287,3 +295,63 @@ def test_inverse_of_a_pose_is_the_way_back(dataset: Path) -> None:
     entry = json.loads((dataset / "train/000000/scene_camera.json").read_text())["0"]
     eye = -np.reshape(entry["cam_R_w2c"], (3, 3)).T @ entry["cam_t_w2c"]
     np.testing.assert_allclose(eye, 1000 * overhead_view(bracket()).T_world_camera[:3, 3], atol=1e-6)
+
+
+def of_industry(scene: Path, sensor: str) -> None:
+    """Names of a scene's files and folders as BOP-Industrial has them."""
+    for path in list(scene.iterdir()):
+        if path.stem in ("scene_gt", "scene_gt_info", "scene_camera", "depth", "mask", "mask_visib"):
+            path.rename(path.with_name(f"{path.stem}_{sensor}{path.suffix}"))
+
+
+def test_several_sensors(copy: Path, dataset: Path) -> None:
+    (before,) = read_bop(copy, None, None, bracket())
+    scene = copy / "train" / "000000"
+    of_industry(scene, "photoneo")
+    (alone,) = read_bop(copy, None, None, bracket())  # the only one
+    assert alone.sensor == "photoneo"
+    for name in ("scene_gt", "scene_camera"):
+        shutil.copy(scene / f"{name}_photoneo.json", scene / f"{name}_cam1.json")
+    assert read_bop(copy, None, None, bracket())[0].sensor == "photoneo"  # the other one has no depth
+    shutil.copytree(scene / "depth_photoneo", scene / "depth_cam1")
+    with pytest.raises(InputError, match=r"--bop-sensor.*one of: cam1, photoneo"):
+        read_bop(copy, None, None, bracket())
+    with pytest.raises(InputError, match=r"--bop-sensor.*stereo.*one of: cam1, photoneo"):
+        read_bop(copy, None, None, bracket(), "stereo")
+    for sensor in ("photoneo", "cam1"):
+        (image,) = read_bop(copy, None, None, bracket(), sensor)
+        np.testing.assert_array_equal(image.Ts_camera_part, before.Ts_camera_part)
+        assert image.frame().depth.any()
+    (image,) = read_bop(copy, None, None, bracket(), "photoneo")
+    exact = render_heap(bracket(), small_heaps()[0], overhead_view(bracket()))
+    np.testing.assert_array_equal(image.ids(image.frame(), bracket()), exact.ids)
+
+
+@pytest.mark.parametrize(
+    ("file", "entry", "field", "by", "message"),
+    [
+        ("scene_gt", "list", "cam_t_m2c", 0.001, r"cam_t_m2c.*in mm, is it in m\?"),
+        ("scene_gt", "list", "cam_t_m2c", 1000, r"cam_t_m2c.*below 20000 mm"),
+        ("scene_gt", "list", "cam_R_m2c", 2, "cam_R_m2c.*rotation"),
+        ("scene_camera", "", "cam_t_w2c", 0.001, r"cam_t_w2c.*in mm, is it in m\?"),
+        ("scene_camera", "", "depth_scale", 0.001, r"depth_scale.*in mm, is it in m\?"),
+        ("scene_camera", "", "cam_K", 2, "row by row"),
+    ],
+)
+def test_units_of_a_dataset(copy: Path, file: str, entry: str, field: str, by: float, message: str) -> None:
+    def change(document: dict) -> None:
+        holder = document["0"][0] if entry else document["0"]
+        holder[field] = (by * np.asarray(holder[field])).tolist()
+
+    edit(copy / f"train/000000/{file}.json", change)
+    with pytest.raises(InputError, match=message):
+        read_bop(copy, None, None, bracket())
+
+
+def test_a_bin_in_metres_is_named(copy: Path) -> None:
+    def change(document: dict) -> None:
+        document["bin"]["inner"] = [x / 1000 for x in document["bin"]["inner"]]
+
+    edit(copy / "dataset_info.json", change)
+    with pytest.raises(InputError, match=r"bin.inner.*in mm, is it in m\?"):
+        read_bop(copy, None, None, bracket())

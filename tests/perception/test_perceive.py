@@ -115,6 +115,40 @@ def test_a_bin_and_a_box_say_where(here: Path) -> None:
     assert (np.abs(found[:, :3, 3] - nearest) < 0.035 + 0.02).all()
 
 
+def test_ray_length_is_named_and_converted(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = seen()[0]
+    length = np.linalg.norm(frame.intrinsics.rays(), axis=-1)
+    cv2.imwrite("range.png", np.rint(1000 * frame.depth * length / STEP_MM).astype(np.uint16))
+    found = perceived("range.png", "--camera", "camera.json", "--depth-is", "range")
+    assert np.median(mean_gap(found, in_memory())) < 2e-4
+    assert capsys.readouterr().err == ""
+    perceived("range.png", "--camera", "camera.json")
+    warning = capsys.readouterr().err
+    assert warning.startswith("pickproof: warning: ") and warning.count("\n") == 1 and "--depth-is range" in warning
+    perceived("depth.png", "--camera", "camera.json")
+    assert capsys.readouterr().err == ""
+
+
+def test_the_viewpoint_of_a_cloud_in_the_world(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points in the frame of a table, seen from above: VIEWPOINT says from where, and --camera-pose before it."""
+    T = about_axis((1.0, 0.0, 0.0), np.pi)
+    T[:3, 3] = 0.4, -0.1, 0.9
+    points = apply(T, seen()[0].points_camera()[0])
+    head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(points)}\nHEIGHT 1\n"
+    head += f"VIEWPOINT 0.4 -0.1 0.9 0 1 0 0\nPOINTS {len(points)}\nDATA binary\n"
+    Path("world.pcd").write_bytes(head.encode() + points.astype("<f4").tobytes())
+    found = perceived("world.pcd")
+    assert np.median(mean_gap(found, in_memory())) < 2e-4
+    document = json.loads(Path("out/perceive/bracket/poses.json").read_text())
+    np.testing.assert_allclose(document["camera"]["T_world_camera"], T, atol=1e-9)
+    in_camera = seen()[0].points_camera()[0]  # as programs write it that keep points in the sensor's frame
+    Path("sensor.pcd").write_bytes(head.encode() + in_camera.astype("<f4").tobytes())
+    assert main(["perceive", "bracket", "sensor.pcd"]) == 2
+    assert "VIEWPOINT" in (error := capsys.readouterr().err) and "--camera-pose" in error
+    np.savetxt("pose.txt", np.eye(4))
+    assert len(perceived("sensor.pcd", "--camera-pose", "pose.txt")) == len(in_memory())
+
+
 def test_no_workpiece_is_an_answer(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     v, u = np.mgrid[:240, :320]
     ball = 0.08**2 - ((u - 160) / 400) ** 2 - ((v - 120) / 400) ** 2
@@ -140,6 +174,21 @@ def bad_files() -> None:
     K = seen()[0].intrinsics
     sized = {"fx": K.fx, "fy": K.fy, "cx": K.cx, "cy": K.cy, "width": 640, "height": 480, "depth_scale": STEP_MM}
     Path("sized.json").write_text(json.dumps(sized))
+    pose = make_transform(AWRY[:3, :3], (400.0, 0.0, 900.0))
+    Path("mm.txt").write_text(" ".join(map(str, pose.ravel())))
+    Path("mm_bin.yaml").write_text(f"inner: [260, 200, 80]\nT_world_bin: {np.eye(4).tolist()}\n")
+    pose[:3, 3] = 0.0, 0.0, 850.0
+    Path("far_bin.yaml").write_text(f"inner: [0.26, 0.2, 0.08]\nT_world_bin: {pose.tolist()}\n")
+    looking = np.diag([1.0, -1.0, -1.0, 1.0])
+    looking[2, 3] = 0.85
+    Path("hall.yaml").write_text(f"inner: [4, 3, 0.08]\nT_world_bin: {looking.tolist()}\n")
+    looking[0, 3] = 2.0
+    Path("beside.yaml").write_text(f"inner: [0.26, 0.2, 0.08]\nT_world_bin: {looking.tolist()}\n")
+    Path("below.yaml").write_text(f"inner: [0.26, 0.2, 0.08]\nT_world_bin: {make_transform(t=(0, 0, 0.85)).tolist()}\n")
+    turned = {"cam_K": [K.fx, 0, 0, 0, K.fy, 0, K.cx, K.cy, 1], "depth_scale": STEP_MM}
+    Path("turned.json").write_text(json.dumps(turned))
+    content = Path("cloud.ply").read_bytes()
+    Path("cut.ply").write_bytes(content[: len(content) * 6 // 10])
     Path("lens.yaml").write_text("K: [900, 0, 320, 0, 900, 240, 0, 0, 1]\nD: [0.1, 0, 0, 0, 0]\n")
     Path("nan.yaml").write_text("{fx: .nan, fy: 900, cx: 320, cy: 240}")
     Path("none.yaml").write_text("focal: 900")
@@ -162,7 +211,24 @@ def bad_files() -> None:
         (["depth.png", "--camera", "camera.json", "--depth-scale", "1"], ["--depth-scale", "median distance"]),
         (["depth.png", "--camera", "camera.json", "--depth-scale", "0.8"], ["--depth-scale", "bracket", "pixels"]),
         (["depth.png", "--camera", "camera.json", "--depth-scale", "0"], ["--depth-scale", "above 0"]),
-        (["depth.png", "--fx", "9", "--fy", "9", "--cx", "1", "--cy", "1"], ["--depth-scale", "missing"]),
+        (["depth.png", "--fx", "900", "--fy", "900", "--cx", "320", "--cy", "240"], ["--depth-scale", "missing"]),
+        (["depth.png", "--fx", "900", "--fy", "900", "--cx", "240", "--cy", "320"], ["cx, cy", "swapped"]),
+        (["depth.png", "--fx", "9", "--fy", "9", "--cx", "1", "--cy", "1"], ["cx, cy", "640 x 480"]),
+        (["depth.png", "--camera", "turned.json"], ["turned.json", "column order: transpose it"]),
+        (["depth.png", "--camera", "camera.json", "--unit", "mm"], ["--unit", "integers", "--depth-scale"]),
+        (["depth.png", "--camera", "camera.json", "--camera-id", "3"], ["--camera-id", "one camera"]),
+        (["depth.png", "--camera", "camera.json", "--depth-scale", "0.0001"], ["--depth-scale", "is it in m?"]),
+        (["metres.npy", "--camera", "sized.json", "--depth-scale", "1"], ["--depth-scale", "floats", "--unit"]),
+        (["awry.npy", "--depth-is", "range"], ["--depth-is", "a cloud"]),
+        (["cut.ply", "--unit", "mm"], ["cut.ply", "in the file", "as its header declares", "cut short"]),
+        (["awry.npy", "--camera-pose", "mm.txt"], ["mm.txt", "in m, is it in mm?"]),
+        (["awry.npy", "--roi", "-200", "-200", "700", "200", "200", "950"], ["--roi", "in m, is it in mm?"]),
+        (["awry.npy", "--sigma", "0.12"], ["--sigma", "in m, is it in mm?"]),
+        (["awry.npy", "--bin", "mm_bin.yaml"], ["mm_bin.yaml", "inner", "in m, is it in mm?"]),
+        (["awry.npy", "--bin", "far_bin.yaml"], ["far_bin.yaml", "T_world_bin", "in m, is it in mm?"]),
+        (["awry.npy", "--bin", "hall.yaml"], ["hall.yaml", "inner", "4 x 3 m", "4 times what is seen"]),
+        (["awry.npy", "--bin", "beside.yaml"], ["region of interest", "0 measured"]),
+        (["awry.npy", "--bin", "below.yaml"], ["below.yaml", "below the floor"]),
         (["small.png", "--camera", "sized.json"], ["small.png", "320 x 240", "640 x 480"]),
         (["eight.png", "--camera", "sized.json"], ["eight.png", "uint8", "16-bit"]),
         (["text.png", "--camera", "sized.json"], ["text.png", "unreadable"]),
@@ -170,7 +236,7 @@ def bad_files() -> None:
         (["metres.npy", "--camera", "sized.json", "--unit", "mm"], ["metres.npy", "--unit"]),
         (["cloud.ply"], ["cloud.ply", "median distance", "--unit"]),
         (["awry.npy", "--unit", "mm"], ["awry.npy", "median distance", "--unit"]),
-        (["text.ply"], ["text.ply", "no finite points"]),
+        (["text.ply"], ["text.ply", "a point cloud with points"]),
         (["nan.npy"], ["nan.npy", "0 finite points"]),
         (["empty.npy"], ["empty.npy", "0 finite points"]),
         (["words.npy"], ["words.npy", "points (n, 3)"]),

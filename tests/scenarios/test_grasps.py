@@ -38,7 +38,7 @@ def test_the_gripper_is_that_of_the_table(capsys: pytest.CaptureFixture[str]) ->
         (["import", "nonesuch", "nowhere.yaml"], ["workpiece", "nonesuch", "bracket"]),
         (["export", "bracket", "--gripper", "hand"], ["gripper", "hand", "jaw_v1"]),
         (["export", "bracket", "--tool", "0", "0"], ["--tool", "6 arguments"]),
-        (["sample", "bunny", "--least", "1.5"], ["--least", "1.5", "less than 1"]),
+        (["sample", "bunny", "--least", "1.5"], ["--least", "1.5", "0.999"]),
         (["fly"], ["fly", "import", "export"]),
         ([], ["COMMAND"]),
     ],

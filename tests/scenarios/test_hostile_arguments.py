@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from scenarios import cli
 from scenarios.arguments import file_to_write, folder_to_write, number
+from scenarios.files import write_whole
 from tests.fuzzing.arguments import check, furnish
 
 REFUSED = (
@@ -266,6 +268,21 @@ def test_where_something_can_be_written(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(argparse.ArgumentTypeError, match="is not valid"):
             parse(str(path))
+
+
+def test_what_is_no_regular_file_is_never_replaced(tmp_path: Path) -> None:
+    """A named pipe stands for /dev/null, which root would have lost."""
+    pipe, link, target = tmp_path / "pipe", tmp_path / "link", tmp_path / "target"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    assert write_whole(pipe, "text") == pipe and os.read(reader, 9) == b"text"
+    os.close(reader)
+    assert pipe.is_fifo()
+    link.symlink_to(target)
+    for text in ("new", "again"):
+        write_whole(link, text)
+        assert link.is_symlink() and target.read_text() == text
+    assert {p.name for p in tmp_path.iterdir()} == {"pipe", "link", "target"}
 
 
 def test_what_may_not_be_written_is_found_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,9 +136,9 @@ def _pts(content: bytes) -> tuple[int, int]:
 
 
 def _xyz(content: bytes) -> tuple[int, int]:
-    # titles and comments hold no point
-    lines = [line for line in _lines(content) if line.lstrip().startswith(NUMBER)]
-    return len(lines), _rows(b"\n".join(lines))
+    lines = [line for line in _lines(content) if line.strip() and not line.lstrip().startswith(b"#")]
+    first = next((i for i, line in enumerate(lines) if line.lstrip().startswith(NUMBER)), len(lines))  # after titles
+    return len(lines) - first, _rows(b"\n".join(lines[first:]))
 
 
 def _split(content: bytes, end: bytes) -> tuple[str, bytes]:

@@ -20,7 +20,7 @@ def closing_components(cell: GraspCell) -> tuple[Array, Array]:
 
 
 def test_contacts_that_turned_with_the_hand_are_forgotten() -> None:
-    """PyBullet keeps a point with the world normal that it had when it was found; here the hand turns by 160 degrees."""
+    """PyBullet keeps a point with the world normal it had when it was found; here the hand turns by 160 degrees."""
     cell = GraspCell.build()
     above = cell.above()
     cell.line(cell.grasp(), 8.0)

@@ -18,6 +18,7 @@ PLY_BYTES = {
 NUMBER = tuple(bytes([c]) for c in b"+-.0123456789nNiI")
 """First characters of a line that holds a point; nan and inf are numbers."""
 IN_NUMBERS = np.isin(np.arange(256), np.frombuffer(b"+-.0123456789eEnNaAiIfFtTyY", np.uint8))
+BLANK = np.isin(np.arange(256), np.frombuffer(b" \t\n\v\f\r", np.uint8))
 MOST_HEADER = 100_000
 
 
@@ -97,7 +98,7 @@ def _pcd(content: bytes) -> tuple[int, int]:
         if name in ("x", "y", "z") and (width, letter) != ("4", "F"):  # the reader makes 0 of them
             raise ValueError(f"{name} of SIZE {width} and TYPE {letter}, not of 4 and F")
     if kind == b"binary":
-        return declared, min(len(body) // size, declared)  # writers pad
+        return declared, len(body) // size
     packed, unpacked = (int(x) for x in np.frombuffer(body[:8], "<u4"))
     held = unpacked // size if len(body) >= 8 + packed else int(unpacked * (len(body) - 8) / max(packed, 1)) // size
     return declared, held
@@ -135,9 +136,9 @@ def _pts(content: bytes) -> tuple[int, int]:
 
 
 def _xyz(content: bytes) -> tuple[int, int]:
-    # titles and comments hold no point
-    lines = [line for line in _lines(content) if line.lstrip().startswith(NUMBER)]
-    return len(lines), _rows(b"\n".join(lines))
+    lines = [line for line in _lines(content) if line.strip() and not line.lstrip().startswith(b"#")]
+    first = next((i for i, line in enumerate(lines) if line.lstrip().startswith(NUMBER)), len(lines))  # after titles
+    return len(lines) - first, _rows(b"\n".join(lines[first:]))
 
 
 def _split(content: bytes, end: bytes) -> tuple[str, bytes]:
@@ -162,7 +163,7 @@ def _rows(body: bytes, width: int | None = None) -> int:
         ValueError: a line before the last holds another count of numbers, or something else.
     """
     text = np.frombuffer(b"\n" + body, np.uint8)
-    blank, line = text <= 32, np.cumsum((text == 10) | (text == 13)) - 1
+    blank, line = BLANK[text], np.cumsum((text == 10) | (text == 13)) - 1
     other = np.flatnonzero(~blank & ~IN_NUMBERS[text])
     if len(other):
         raise ValueError(f"{chr(text[other[0]])!r} among the numbers of row {line[other[0]] + 1}")

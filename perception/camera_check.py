@@ -20,8 +20,8 @@ FARTHEST = 20.0
 """[m] of any length of a scene: where cameras, bins and boxes are."""
 STEP = (5e-6, 1e-2)
 """[m] between which a count of a depth image lies."""
-SIGMA = 0.01
-"""[m] most that the noise of a depth can be."""
+SIGMA = (1e-6, 0.01)
+"""[m] between which the noise of a depth lies."""
 
 
 def check_matrix(K: Array, source: str | Path) -> None:
@@ -95,8 +95,9 @@ def check_sigma(sigma: float, source: str | Path, field: str) -> None:
     """Refuse a standard deviation [m] of depth that no camera has."""
     if not (np.isfinite(sigma) and sigma > 0):
         raise InputError(source, field, sigma, "a number above 0")
-    if sigma > SIGMA:
-        raise InputError(source, field, sigma, f"at most {SIGMA:g} m; in m, is it in mm?")
+    low, high = SIGMA
+    if not low <= sigma <= high:
+        raise InputError(source, field, sigma, f"{low:g} to {high:g} m; in m, is it in mm?")
 
 
 def is_rigid(T: Array) -> bool:

@@ -19,6 +19,7 @@ from cell.frames import Array, from_rpy, make_transform
 from cell.pieces import CollisionBox, CollisionCylinder
 
 Piece = CollisionBox | CollisionCylinder
+"""Here in [mm], so made by `model_construct`: the bounds of these models are for [m]."""
 
 AXES = {"z": (0.0, 0.0, 0.0), "x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0)}
 """Roll, pitch, yaw that turn z into the axis of that name."""
@@ -62,13 +63,13 @@ def box(low: ArrayLike, high: ArrayLike) -> Solid:
     """A box between two corners."""
     size, centre = np.subtract(high, low), np.add(low, high) / 2
     body = m3.Manifold.cube(size.tolist()).translate(np.asarray(low).tolist())
-    return Solid(body, (CollisionBox(size=tuple(size.tolist()), centre=tuple(centre.tolist())),))
+    return Solid(body, (CollisionBox.model_construct(size=tuple(size.tolist()), centre=tuple(centre.tolist())),))
 
 
 def cylinder(radius: float, start: ArrayLike, length: float, axis: str = "z", segments: int = 40) -> Solid:
     """A cylinder from the centre of one end along `axis`; a corner of its polygon lies on each of the other axes."""
     body = m3.Manifold.cylinder(length, radius, radius, segments).translate((0, 0, -length / 2))
-    piece = CollisionCylinder(radius=radius, length=length, centre=(0.0, 0.0, 0.0))
+    piece = CollisionCylinder.model_construct(radius=radius, length=length, centre=(0.0, 0.0, 0.0))
     T = from_rpy(rpy=AXES[axis])
     T[:3, 3] = np.asarray(start, dtype=np.float64) + T[:3, 2] * length / 2
     return Solid(body, (piece,)).moved(T)
@@ -119,9 +120,9 @@ def _moved(piece: Piece, T: Array) -> Piece:
         return piece.model_copy(update={"centre": centre, "rpy": rpy})
     size, axes = np.asarray(piece.size), np.rint(np.abs(R))
     if np.abs(np.abs(R) - axes).max() < 1e-12:  # by quarter turns: still a box along the axes
-        return CollisionBox(size=tuple((axes @ size).tolist()), centre=centre)
+        return CollisionBox.model_construct(size=tuple((axes @ size).tolist()), centre=centre)
     rpy = tuple(Rotation.from_matrix(R).as_euler("xyz").tolist())
-    return CollisionBox(size=piece.size, centre=centre, rpy=rpy)
+    return CollisionBox.model_construct(size=piece.size, centre=centre, rpy=rpy)
 
 
 def _metres(mm: Sequence[float]) -> str:

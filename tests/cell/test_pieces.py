@@ -136,7 +136,7 @@ def test_every_kind_of_piece_rests_on_its_surface(folder: Path, new_world: Calla
     ("field", "changes"),
     [
         ("collision_boxes.0.size.1", {"collision_boxes": [{"size": [0.04, 0.0, 0.02], "centre": [0, 0, 0]}]}),
-        ("collision_boxes.0", {"collision_boxes": [{"size": [40, 30, 20], "centre": [0, 0, 0]}]}),  # [mm]
+        ("collision_boxes.0.size.0", {"collision_boxes": [{"size": [40, 30, 20], "centre": [0, 0, 0]}]}),  # [mm]
         ("collision_cylinders.0.radius", {"collision_cylinders": [CYLINDER | {"radius": -0.01}]}),
         ("collision_cylinders.1", {"collision_cylinders": [CYLINDER, CYLINDER | {"centre": [0, 0, 0.04]}]}),
         ("collision_cylinders.0.lenght", {"collision_cylinders": [CYLINDER | {"lenght": 0.01}]}),

@@ -62,7 +62,7 @@ def hostile(rng: np.random.Generator) -> tuple[str, bytes]:
         binary = False
         content = (f"{declared}\n".encode() if suffix == ".pts" else b"") + text(values)
     kind = rng.random()
-    if kind < 0.3:
+    if kind < 0.3 and declared >= COUNT:  # else the cut may fall where the smaller count says
         content = cut(content, suffix, binary, rng)
     elif kind < 0.4 and not binary:
         at = int(rng.integers(len(content)))

@@ -26,28 +26,33 @@ AWRY = about_axis(np.array([1.0, 2.0, 3.0]) / np.sqrt(14), 0.06)
 """T of a cloud that lies on no pixel grid: turned about the camera's centre."""
 
 
-@lru_cache(maxsize=1)
-def seen() -> tuple[DepthFrame, Array, np.ndarray]:
-    """A measured frame, the true poses in the camera, and which workpieces are well visible."""
-    view = tilted_view(bracket(), np.random.default_rng(4))
-    exact = render_heap(bracket(), small_heaps()[0], view)
+@lru_cache
+def seen(heap: int = 0) -> tuple[DepthFrame, Array, np.ndarray]:
+    """A measured frame of a heap, the true poses in the camera, and which workpieces are well visible."""
+    view, Ts = tilted_view(bracket(), np.random.default_rng(4)), small_heaps()[heap]
+    exact = render_heap(bracket(), Ts, view)
     frame = measure(exact, view.intrinsics, view.T_world_camera, view.sensor, np.random.default_rng(0))
-    counted = visible_instances(np.bincount(exact.ids[exact.ids >= 0], minlength=len(small_heaps()[0])))
-    return frame, invert(view.T_world_camera) @ small_heaps()[0], counted
+    counted = visible_instances(np.bincount(exact.ids[exact.ids >= 0], minlength=len(Ts)))
+    return frame, invert(view.T_world_camera) @ Ts, counted
 
 
-@lru_cache(maxsize=1)
-def in_memory() -> Array:
-    frame, rng = seen()[0], np.random.default_rng(0)
+@lru_cache
+def in_memory(heap: int = 0) -> Array:
+    frame, rng = seen(heap)[0], np.random.default_rng(0)
     found = Perception.load(bracket()).perceive_region(frame, region_of_interest(frame, bracket()), rng).estimates
     return np.array([e.T_camera_part for e in found])
 
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Files of the scene."""
+    """Files of the first scene."""
     monkeypatch.chdir(tmp_path)
-    frame = seen()[0]
+    write_files(0)
+    return tmp_path
+
+
+def write_files(heap: int) -> None:
+    frame = seen(heap)[0]
     points = frame.points_camera()[0]
     K = frame.intrinsics
     cv2.imwrite("depth.png", np.rint(1000 * frame.depth / STEP_MM).astype(np.uint16))
@@ -56,7 +61,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     trimesh.PointCloud(1000 * points).export("cloud.ply")
     np.save("awry.npy", apply(AWRY, points))
     np.savez("organised.npz", points=np.where(frame.depth[..., None] > 0, K.rays() * frame.depth[..., None], np.nan))
-    return tmp_path
 
 
 def perceived(*words: str) -> Array:
@@ -75,15 +79,21 @@ def mean_gap(found: Array, wanted: Array) -> Array:
 
 
 def test_an_image_and_a_cloud_give_the_poses_of_the_frame_in_memory(here: Path) -> None:
-    _, truth, counted = seen()
-    assert score_frame(in_memory(), truth, counted, bracket()).true_positives >= 0.8 * counted.sum()
-    by_image = perceived("depth.png", "--camera", "camera.json")
-    by_cloud = perceived("cloud.ply", "--unit", "mm")
-    for found in (by_image, by_cloud):
-        assert len(found) == len(in_memory())
-        gaps = mean_gap(found, in_memory())  # rounding of the files; other pixels decide other starts of ICP
-        assert gaps.max() < bracket().tolerance / 10
-        assert np.median(gaps) < 1.5e-4
+    """Up to the rounding of the files, which lets ICP start elsewhere and a hardly visible workpiece come or go."""
+    gaps: dict[str, list[Array]] = {"image": [], "cloud": []}
+    for heap in range(3):
+        _, truth, counted = seen(heap)
+        assert score_frame(in_memory(heap), truth, counted, bracket()).true_positives >= 0.8 * counted.sum()
+        write_files(heap)
+        by_image = perceived("depth.png", "--camera", "camera.json")
+        by_cloud = perceived("cloud.ply", "--unit", "mm")
+        for kind, found in (("image", by_image), ("cloud", by_cloud)):
+            assert abs(len(found) - len(in_memory(heap))) <= 1
+            gaps[kind].append(mean_gap(found, in_memory(heap)))
+    for of_kind in gaps.values():
+        gap = np.concatenate(of_kind)
+        assert np.median(gap) < 1.5e-4
+        assert np.mean(gap < bracket().tolerance / 10) >= 0.9  # all but one of a heap
 
 
 def test_a_cloud_without_a_pixel_grid(here: Path) -> None:

@@ -196,15 +196,3 @@ def test_released_fingers_stay_clear_of_the_place_bins_walls() -> None:
         assert attempt_pick(cell, oracle_perception, memory, seed=3, attempt=0).success
     finally:
         cell.close()
-
-
-def test_no_part_stays_glued_to_a_finger() -> None:
-    """The fourth part of this fill came back to the bin's rim on one finger: see cell.execute.forget_contacts."""
-    place = "place_bin={inner: [0.26, 0.20, 0.06], position: [0.22, -0.40, 0.01]}"
-    cell = Workcell.build(load_scenario("bracket", [place]), seed=4)
-    try:
-        memory = Memory.of(cell)
-        reasons = [attempt_pick(cell, oracle_perception, memory, 4, attempt).reason for attempt in range(4)]
-    finally:
-        cell.close()
-    assert reasons == ["", "", "", ""]

@@ -32,7 +32,8 @@ CONFTEST = """
 
     sys.modules["scenarios.episode"] = planted_episode
     # a planted episode reads no files, and the real work cell takes seconds to import
-    sys.modules["scenarios.workcell"] = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)
+    no_cell = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)
+    sys.modules["scenarios.workcell"] = no_cell
 """
 
 

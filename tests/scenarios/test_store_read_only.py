@@ -48,8 +48,11 @@ def read_only(folder: Path) -> None:
 def as_another_user(words: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
     """The command line after giving up root, where the test runs as root; all is imported before."""
     code = (
-        "import os, sys, scenarios.cli as cli, scenarios.explain, scenarios.report, scenarios.compare\n"
-        "import scenarios.index, scenarios.export, scenarios.baseline, pyarrow.parquet, plotly.graph_objects\n"
+        "import os, sys, pyarrow.parquet, plotly.graph_objects\n"
+        "import scenarios.cli as cli\n"
+        "import scenarios.explain_command, scenarios.report_command\n"
+        "import scenarios.compare_command, scenarios.index_command\n"
+        "import scenarios.export, scenarios.baseline_command\n"
         "import encodings.unicode_escape  # jinja2 asks for it; that user may not reach the library\n"
         f"if os.geteuid() == 0: os.setgroups([]); os.setgid({NOBODY}); os.setuid({NOBODY})\n"
         "sys.exit(cli.main(sys.argv[1:]))\n"

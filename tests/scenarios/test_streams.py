@@ -34,8 +34,7 @@ def unread(words: list[str], cwd: Path, both: bool = False) -> tuple[int, str]:
     return done.returncode, done.stderr or ""
 
 
-@pytest.mark.parametrize("both", [False, True])
-@pytest.mark.parametrize("json_too", [[], ["--json"]])
+@pytest.mark.parametrize(("json_too", "both"), [([], True), (["--json"], False)])
 def test_a_campaign_goes_on_without_a_reader(json_too: list[str], both: bool, tmp_path: Path) -> None:
     words = [*FAKE, "run", "bracket", *SMALL, "--episodes", "2", "--out", "run", *json_too]
     code, err = unread(words, tmp_path, both)

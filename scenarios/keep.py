@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
-
-if TYPE_CHECKING:
-    pass
-
+from typing import Literal, get_args
 
 Which = Literal["failures", "all", "none"]
-
-
 KEPT: tuple[Which, ...] = get_args(Which)
 
 

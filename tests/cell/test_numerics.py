@@ -43,10 +43,7 @@ def test_numpy_takes_the_kernel_of_the_profile() -> None:
 
 
 def test_a_process_that_loaded_numpy_first_does_not_claim_the_profile() -> None:
-    code = (
-        "import numpy, cell; from cell.numerics import has_profile, profile as p; "
-        "print(p(), has_profile(p()))"
-    )
+    code = "import numpy, cell; from cell.numerics import has_profile, profile as p; print(p(), has_profile(p()))"
     assert run(code) == f"{numerics.PORTABLE} False"
     child = (
         "import numpy, cell, subprocess, sys; print(subprocess.run([sys.executable, '-c', "
@@ -57,10 +54,7 @@ def test_a_process_that_loaded_numpy_first_does_not_claim_the_profile() -> None:
 
 
 def test_the_switch_leaves_the_libraries_alone() -> None:
-    code = (
-        "import cell, os; from cell.numerics import profile; "
-        "print(profile(), os.environ.get('MKL_CBWR'))"
-    )
+    code = "import cell, os; from cell.numerics import profile; print(profile(), os.environ.get('MKL_CBWR'))"
     assert run(code, **{numerics.SWITCH: "native"}) == "native None"
 
 

@@ -2,7 +2,3 @@
 
 The only folder that imports pybullet or casts rays.
 """
-
-from cell.numerics import use_portable_kernels
-
-use_portable_kernels()

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import YAMLError
 
-from cell.errors import InputError
+from pickproof.cell.errors import InputError
 
 
 class Config(BaseModel):

@@ -2,8 +2,8 @@
 
 Libraries choose their kernels by the processor that they find, and another kernel adds in another order. A heap of
 workpieces turns a last bit into another pick. So the kernels are fixed here, by variables that the libraries read when
-they are loaded; every room imports `cell` first. Child processes inherit the variables. What no variable fixes is
-computed by portable code (`cell/ray_hits.py`).
+they are loaded; importing `pickproof` fixes them first. Child processes inherit the variables. What no variable fixes
+is computed by portable code (`cell/geometry/ray_hits.py`).
 
 `PICKPROOF_NUMERICS=native` leaves the libraries their own choice. The profile is part of what a campaign records.
 """
@@ -15,7 +15,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from cell.errors import InputError
+from pickproof.cell.errors import InputError
 
 SWITCH = "PICKPROOF_NUMERICS"
 """Variable of the environment: `portable`, the default, or `native`."""

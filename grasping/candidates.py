@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.bin import Bin, Box
-from cell.frames import Array, make_transform
-from cell.jaw import ParallelJaw
-from cell.tool import Gripper
-from cell.workpiece import Workpiece
-from grasping.clearance import OpenGripper, covered_share, thin, without_workpiece
-from grasping.grasp_points import GraspPoint, GraspPoses
-from grasping.overlap import LIES, overlaps
-from grasping.ranking import GraspingConfig, robustness
-from grasping.verdict import VERDICTS, Verdict
+from pickproof.cell.frames import Array, make_transform
+from pickproof.cell.geometry.bin import Bin, Box
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.grippers.parallel_jaw import ParallelJaw
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.clearance import OpenGripper, covered_share, thin, without_workpiece
+from pickproof.grasping.grasp_points import GraspPoint, GraspPoses
+from pickproof.grasping.overlap import LIES, overlaps
+from pickproof.grasping.ranking import GraspingConfig, robustness
+from pickproof.grasping.verdict import VERDICTS, Verdict
 
 NEAR = 0.06  # [m] from a workpiece within which the heap can be in the gripper's way
 ROOMY = 0.006  # [m] between the gripper and its neighbours beyond which more is no better

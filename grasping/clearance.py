@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from cell.bin import Bin, Box
-from cell.frames import Array, apply, invert
-from cell.point import moved
-from cell.workpiece import Workpiece
+from pickproof.cell.frames import Array, apply, invert
+from pickproof.cell.geometry.bin import Bin, Box
+from pickproof.cell.point import moved
+from pickproof.cell.workpiece.workpiece import Workpiece
 
 WALL_MARGIN = 0.0008  # [m] kept from walls and floor
 POINT_MARGIN = 0.0005  # [m] kept from the cloud

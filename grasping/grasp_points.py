@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from cell.config import Config, Fine, Offset, OffsetPoint, Small, parse, read_yaml
-from cell.errors import InputError
-from cell.frames import Array, about_axis, make_transform
-from cell.jaw import ParallelJaw
-from cell.tool import Gripper
-from cell.workpiece import Workpiece
+from pickproof.cell.config import Config, Fine, Offset, OffsetPoint, Small, parse, read_yaml
+from pickproof.cell.errors import InputError
+from pickproof.cell.frames import Array, about_axis, make_transform
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.grippers.parallel_jaw import ParallelJaw
+from pickproof.cell.workpiece.workpiece import Workpiece
 
 Triple = tuple[float, float, float]
 OPENING_MARGIN = 0.0025  # [m] on each side of the workpiece before the jaws close

@@ -15,10 +15,10 @@ import numpy as np
 import yaml
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from cell.config import Config, OffsetPoint, parse, read_yaml
-from cell.errors import InputError
-from cell.frames import Array, from_quat_xyzw, invert, to_quat_xyzw
-from grasping.grasp_points import GraspPoint, GraspPoses
+from pickproof.cell.config import Config, OffsetPoint, parse, read_yaml
+from pickproof.cell.errors import InputError
+from pickproof.cell.frames import Array, from_quat_xyzw, invert, to_quat_xyzw
+from pickproof.grasping.grasp_points import GraspPoint, GraspPoses
 
 Triple = tuple[float, float, float]
 JOINTS = ("finger_left_joint", "finger_right_joint")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.frames import Array, apply, invert
-from cell.workpiece import Workpiece
+from pickproof.cell.frames import Array, apply, invert
+from pickproof.cell.workpiece.workpiece import Workpiece
 
 SPACING = 0.004  # [m] between points of the surface, on average
 EDGE = 0.001  # [m] by which another one must reach past a point on all sides: poses are off by less

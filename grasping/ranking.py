@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
-from cell.config import Config
-from cell.frames import Array
-from grasping.grasp_points import GraspPoses
+from pickproof.cell.config import Config
+from pickproof.cell.frames import Array
+from pickproof.grasping.grasp_points import GraspPoses
 
 DEPTH_LOSS = 0.5  # of robustness for each depth less wanted than the first
 SLIDE_LOSS = 10.0  # [1/m] of robustness for sliding away from the grasp point's centre

@@ -2,7 +2,7 @@
 
 Antipodal sampling as in Nguyen, "Constructing force-closure grasps" (1988): from a point of the surface a ray goes
 through the material; where it leaves through a face that looks the other way, two pads pressed on both ends hold by
-friction alone. What holds in the physics is for `scenarios.grasp_trial` to say.
+friction alone. What holds in the physics is for `scenarios.grasp_trials.trial` to say.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from itertools import chain
 
 import numpy as np
 
-from cell.errors import InputError
-from cell.frames import Array, about_axis, apply, invert, make_transform
-from cell.jaw import ParallelJaw
-from cell.pads import PadGripper
-from cell.tool import Gripper
-from cell.workpiece import Workpiece
-from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
-from grasping.sample_freeform import freeform_proposals
-from grasping.sample_pads import pad_proposals
+from pickproof.cell.errors import InputError
+from pickproof.cell.frames import Array, about_axis, apply, invert, make_transform
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.parallel_jaw import ParallelJaw
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
+from pickproof.grasping.sample_freeform import freeform_proposals
+from pickproof.grasping.sample_pads import pad_proposals
 
 STEP_DEG = 15.0  # between approaches about the closing direction
 RAYS = 4000

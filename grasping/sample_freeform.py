@@ -12,11 +12,11 @@ from itertools import chain
 
 import numpy as np
 
-from cell.frames import Array, about_axis, apply, invert, make_transform
-from cell.jaw import ParallelJaw
-from cell.resting import resting_poses
-from cell.workpiece import Workpiece
-from grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
+from pickproof.cell.frames import Array, about_axis, apply, invert, make_transform
+from pickproof.cell.grippers.parallel_jaw import ParallelJaw
+from pickproof.cell.workpiece.resting_poses import resting_poses
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
 
 CONE = float(np.cos(np.deg2rad(20.0)))  # of each touching place; friction of 0.4 holds up to 22 degrees
 TOUCH = 0.0004  # [m] from the outermost point within which surface touches a pad

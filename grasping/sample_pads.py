@@ -11,14 +11,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cell.frames import Array, about_axis, make_transform
-from cell.holding import share
-from cell.pads import PadGripper, ring
-from cell.probe import probe_part
-from cell.suction import VacuumGripper
-from cell.workpiece import Workpiece
-from cell.world import GRAVITY
-from grasping.grasp_points import GraspPoint, Turn
+from pickproof.cell.frames import Array, about_axis, make_transform
+from pickproof.cell.grippers.holding_force import share
+from pickproof.cell.grippers.one_sided import PadGripper, ring
+from pickproof.cell.grippers.vacuum import VacuumGripper
+from pickproof.cell.physics.contact_probe import probe_part
+from pickproof.cell.physics.world import GRAVITY
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.grasp_points import GraspPoint, Turn
 
 SPOTS = 1500  # points of the surface that are looked at
 PRESS = 0.002  # [m] that the faces are pressed on: an error of the pose along the normal is taken up by their spring

@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from cell.bin import Bin
-from cell.camera import DepthFrame
-from cell.workpiece import Workpiece
-from perception.allocator import keep_freed_memory
-from perception.calibration import ScoreModel, score_path
-from perception.cloud import Cloud, roi_mask, scene_cloud
-from perception.network import Ps6d, pack
-from perception.pose_estimate import PoseEstimate
-from perception.refine import RefineConfig, RefineResult, refine
-from perception.sampling import build_levels, input_points, top_neighbours
-from perception.shape_model import ShapeModel
-from perception.variants import cluster_config
-from perception.votes import Votes
-from perception.weights import load_weights, weights_path
+from pickproof.cell.geometry.bin import Bin
+from pickproof.cell.sensing.camera import DepthFrame
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.perception.cad.shape_model import ShapeModel
+from pickproof.perception.pose_estimate import PoseEstimate
+from pickproof.perception.ps6d.allocator import keep_freed_memory
+from pickproof.perception.ps6d.cloud import Cloud, roi_mask, scene_cloud
+from pickproof.perception.ps6d.network import Ps6d, pack
+from pickproof.perception.ps6d.point_hierarchy import build_levels, input_points, top_neighbours
+from pickproof.perception.ps6d.variants import cluster_config
+from pickproof.perception.ps6d.votes import Votes
+from pickproof.perception.ps6d.weights import load_weights, weights_path
+from pickproof.perception.refinement.refine import RefineConfig, RefineResult, refine
+from pickproof.perception.refinement.score_model import ScoreModel, score_path
 
 PASSES, PASSES_SLENDER = 2, 3
 """Samplings of the cloud that vote together: each adds votes on other points at the cost of one forward pass. Slender

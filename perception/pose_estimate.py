@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cell.frames import Array
+from pickproof.cell.frames import Array
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """What is run, and what came of it: scenarios, picks, episodes, campaigns, statistics, reports.
 
-from scenarios import Campaign
+from pickproof.scenarios import Campaign
 Campaign.open("out/bracket-0").to_frame().groupby("grasp").success.mean()
 """
 
@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import cell  # noqa: F401  fixes the numeric profile before numpy is loaded
-
 if TYPE_CHECKING:
-    from scenarios.results import Campaign
+    from pickproof.scenarios.results.campaign_results import Campaign
 
 __all__ = ["Campaign"]
 
@@ -19,7 +17,7 @@ __all__ = ["Campaign"]
 def __getattr__(name: str) -> Any:
     """`Campaign` is imported when it is asked for: `pickproof --help` must not wait for numpy."""
     if name == "Campaign":
-        from scenarios.results import Campaign
+        from pickproof.scenarios.results.campaign_results import Campaign
 
         return Campaign
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

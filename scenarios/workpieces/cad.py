@@ -15,8 +15,8 @@ import trimesh
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from cell.frames import Array, from_rpy, make_transform
-from cell.pieces import CollisionBox, CollisionCylinder
+from pickproof.cell.frames import Array, from_rpy, make_transform
+from pickproof.cell.workpiece.collision_pieces import CollisionBox, CollisionCylinder
 
 Piece = CollisionBox | CollisionCylinder
 """Here in [mm], so made by `model_construct`: the bounds of these models are for [m]."""

@@ -6,9 +6,9 @@ import argparse
 
 import numpy as np
 
-from perception.metrics import FrameScore, score_frame, summarise, visible_instances
-from perception.pose_estimate import PoseEstimate
-from perception.refine import RefineConfig, refine
+from pickproof.perception.evaluation.metrics import FrameScore, score_frame, summarise, visible_instances
+from pickproof.perception.pose_estimate import PoseEstimate
+from pickproof.perception.refinement.refine import RefineConfig, refine
 from tests.perception import artificial
 
 VOTES = ((0.03, 5, 0.05), (0.12, 25, 0.3), (0.15, 40, 0.55), (0.20, 55, 0.7), (0.12, 25, 1.0))

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from scenarios.attribute import folder_of, run_modes
-from scenarios.attribution import MODES, Attribution, leads_the_rest, print_attribution
-from scenarios.baseline import Baseline, Execution, baseline_of, read_baseline, write_baseline
-from scenarios.episode import run_episode
-from scenarios.gate import GateResult, run_gate
-from scenarios.scenario import Scenario, load_scenario
-from scenarios.sequential import Rule
-from scenarios.store import FILE
+from pickproof.scenarios.campaign.episode import run_episode
+from pickproof.scenarios.commands.attribute import folder_of, run_modes
+from pickproof.scenarios.comparison.attribution import MODES, Attribution, leads_the_rest, print_attribution
+from pickproof.scenarios.comparison.baseline import Baseline, Execution, baseline_of, read_baseline, write_baseline
+from pickproof.scenarios.comparison.gate import GateResult, run_gate
+from pickproof.scenarios.config.scenario import Scenario, load_scenario
+from pickproof.scenarios.results.store import FILE
+from pickproof.scenarios.statistics.sequential_test import Rule
 from tests.benchmarks.planted_faults import FAULTS, planted
 
 NAME = "tests.benchmarks.attribution"

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from cell._pybullet import connect, pybullet
-from cell.bin import Box
-from cell.frames import Array, to_quat_xyzw
-from cell.pieces import CollisionBox
-from robots.collision import CollisionScene
-from robots.model import RobotModel, load_robot
+from pickproof.cell.frames import Array, to_quat_xyzw
+from pickproof.cell.geometry.bin import Box
+from pickproof.cell.physics._pybullet import connect, pybullet
+from pickproof.cell.workpiece.collision_pieces import CollisionBox
+from pickproof.robots.collision.scene import CollisionScene
+from pickproof.robots.kinematics.model import RobotModel, load_robot
 from tests.robots.arm_cell import CELL, PART, T_FLANGE_TOOL, TOOL
 
 NEAR = 0.001  # [m] from contact within which the two may disagree

@@ -24,14 +24,14 @@ from typing import Any
 
 import numpy as np
 
-from cell.errors import PickproofError
-from cell.processes import child_environment
-from scenarios.cluster import ON_LOOPBACK
-from scenarios.store import FILE, Store, record_hash
+from pickproof.cell.child_process import child_environment
+from pickproof.cell.errors import PickproofError
+from pickproof.scenarios.campaign.ray_pool import ON_LOOPBACK
+from pickproof.scenarios.results.store import FILE, Store, record_hash
 
 ROOT = Path(__file__).resolve().parents[2]
 FAKE = [sys.executable, str(ROOT / "tests" / "scenarios" / "fake_cli.py")]
-REAL = [sys.executable, "-m", "scenarios.cli"]
+REAL = [sys.executable, "-m", "pickproof.scenarios.commands.cli"]
 SLOW = ["run", "bracket", "--set", "count=6", "--set", "stop.attempt_limit=20", "--set", "gripper=slow"]
 PHYSICS = ["run", "bracket", "--set", "count=3", "--oracle", "perception"]
 MOMENT_S = 8.0

@@ -15,16 +15,16 @@ import numpy as np
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-from cell.gripper import load_gripper
-from cell.magnet import Magnet
-from cell.picture import cell_picture
-from cell.suction import VacuumGripper
-from cell.workpiece import load_workpiece
-from cell.world import GRAVITY
-from tests.cell.laws import down_a_slope, drops, fall, jaw, pad_forces, roller, slip_of_a_grip, stack, tracking
-from tests.cell.pad_cell import FACE, PadCell
-from tests.cell.shaft_cell import carry_shaft
-from tests.cell.solids import block, turned
+from pickproof.cell.grippers.magnet import Magnet
+from pickproof.cell.grippers.registry import load_gripper
+from pickproof.cell.grippers.vacuum import VacuumGripper
+from pickproof.cell.physics.picture import cell_picture
+from pickproof.cell.physics.world import GRAVITY
+from pickproof.cell.workpiece.workpiece import load_workpiece
+from tests.cell.grippers.pad_cell import FACE, PadCell
+from tests.cell.physics.laws import down_a_slope, drops, fall, jaw, pad_forces, roller, slip_of_a_grip, stack, tracking
+from tests.cell.physics.shaft_cell import carry_shaft
+from tests.cell.workpiece.solids import block, turned
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
 MASS = 0.3

@@ -11,15 +11,15 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenarios.episode import run_episode
-from scenarios.inputs import versions
-from scenarios.job import Job
-from scenarios.records import AttemptRecord
-from scenarios.scenario import load_scenario
-from scenarios.store import record_hash
+from pickproof.scenarios.campaign.episode import run_episode
+from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.config.input_hashes import versions
+from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.results.records import AttemptRecord
+from pickproof.scenarios.results.store import record_hash
 
 FILE = Path(__file__).with_name("golden.json")
-GRID = Path(__file__).resolve().parents[1] / "scenarios" / "grid.yaml"
+GRID = Path(__file__).resolve().parents[1] / "scenarios" / "placing" / "grid.yaml"
 
 
 @dataclass(frozen=True)

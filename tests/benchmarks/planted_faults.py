@@ -12,9 +12,9 @@ import yaml
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
-from cell.gripper import gripper_path
-from cell.processes import child_environment
-from cell.workpiece import load_workpiece
+from pickproof.cell.child_process import child_environment
+from pickproof.cell.grippers.registry import gripper_path
+from pickproof.cell.workpiece.workpiece import load_workpiece
 
 FAULTS = ("point", "grasp", "weights", "friction")
 POINT = "edge_of_plate"

@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cell.gripper import load_gripper
-from cell.workpiece import load_workpiece
-from grasping.grasp_points import GraspPoint, read_table
-from scenarios.cli import main as pickproof
-from scenarios.compare import Difference
-from scenarios.grasp_table import table_text
-from scenarios.scenario import load_scenario
-from scenarios.tune_plan import HOLDOUT
+from pickproof.cell.grippers.registry import load_gripper
+from pickproof.cell.workpiece.workpiece import load_workpiece
+from pickproof.grasping.grasp_points import GraspPoint, read_table
+from pickproof.scenarios.commands.cli import main as pickproof
+from pickproof.scenarios.comparison.compare import Difference
+from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.files.grasps_text import table_text
+from pickproof.scenarios.tuning.plan import HOLDOUT
 
 SHIFT, LOOSE = 0.006, 0.001  # [m]
 REGAINED = 0.9

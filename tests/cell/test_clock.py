@@ -5,7 +5,7 @@ import time
 import numba
 import numpy as np
 
-from cell.clock import working_time
+from pickproof.cell.clock import working_time
 
 
 def test_compiling_does_not_count_and_work_does() -> None:

@@ -9,11 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from cell import numerics
-from cell.errors import InputError
+from pickproof.cell import numerics
+from pickproof.cell.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("cell", "perception.sampling", "grasping.ranking", "robots.chain", "scenarios.pytest_plugin")
+ROOMS = (
+    "pickproof",
+    "pickproof.cell",
+    "pickproof.perception.ps6d.point_hierarchy",
+    "pickproof.grasping.ranking",
+    "pickproof.robots.kinematics.chain",
+    "pickproof.scenarios.comparison.pytest_plugin",
+)
 
 
 def run(code: str, **environment: str) -> str:
@@ -27,13 +34,15 @@ def run(code: str, **environment: str) -> str:
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_room_fixes_the_kernels_before_numpy(room: str) -> None:
-    code = f"import {room}, numpy; from cell.numerics import has_profile, PORTABLE; print(has_profile(PORTABLE))"
+    code = (
+        f"import {room}, numpy; from pickproof.cell.numerics import has_profile, PORTABLE; print(has_profile(PORTABLE))"
+    )
     assert run(code) == "True"
 
 
 def test_numpy_takes_the_kernel_of_the_profile() -> None:
     code = (
-        "import cell, numpy, threadpoolctl; numpy.ones((9, 9)) @ numpy.ones((9, 9)); "
+        "import pickproof, numpy, threadpoolctl; numpy.ones((9, 9)) @ numpy.ones((9, 9)); "
         "print({i['architecture'] for i in threadpoolctl.threadpool_info() if i['internal_api'] == 'openblas'})"
     )
     assert run(code) == "{'Haswell'}"
@@ -43,18 +52,24 @@ def test_numpy_takes_the_kernel_of_the_profile() -> None:
 
 
 def test_a_process_that_loaded_numpy_first_does_not_claim_the_profile() -> None:
-    code = "import numpy, cell; from cell.numerics import has_profile, profile as p; print(p(), has_profile(p()))"
+    code = (
+        "import numpy, pickproof; from pickproof.cell.numerics import has_profile, profile as p; "
+        "print(p(), has_profile(p()))"
+    )
     assert run(code) == f"{numerics.PORTABLE} False"
     child = (
-        "import numpy, cell, subprocess, sys; print(subprocess.run([sys.executable, '-c', "
-        "'from cell.numerics import has_profile, profile; print(has_profile(profile()))'],"
+        "import numpy, pickproof, subprocess, sys; print(subprocess.run([sys.executable, '-c', "
+        "'from pickproof.cell.numerics import has_profile, profile; print(has_profile(profile()))'],"
         " capture_output=True, text=True).stdout)"
     )
     assert run(child) == "True"
 
 
 def test_the_switch_leaves_the_libraries_alone() -> None:
-    code = "import cell, os; from cell.numerics import profile; print(profile(), os.environ.get('MKL_CBWR'))"
+    code = (
+        "import pickproof, os; from pickproof.cell.numerics import profile; "
+        "print(profile(), os.environ.get('MKL_CBWR'))"
+    )
     assert run(code, **{numerics.SWITCH: "native"}) == "native None"
 
 

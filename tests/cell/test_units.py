@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from cell.config import Config, parse, parse_yaml, read_yaml
-from cell.errors import InputError
-from cell.gripper import SHIPPED as GRIPPERS
-from cell.gripper import list_grippers, load_gripper
-from cell.sensor import SensorConfig
-from cell.workpiece import SHIPPED, WorkpieceConfig, list_workpieces
-from grasping.grasp_points import GraspTable
-from robots.model import RobotConfig, list_robots
-from scenarios.scenario import Scenario
+from pickproof.cell.config import Config, parse, parse_yaml, read_yaml
+from pickproof.cell.errors import InputError
+from pickproof.cell.grippers.registry import SHIPPED as GRIPPERS
+from pickproof.cell.grippers.registry import list_grippers, load_gripper
+from pickproof.cell.sensing.sensor_model import SensorConfig
+from pickproof.cell.workpiece.workpiece import SHIPPED, WorkpieceConfig, list_workpieces
+from pickproof.grasping.grasp_points import GraspTable
+from pickproof.robots.kinematics.model import RobotConfig, list_robots
+from pickproof.scenarios.config.scenario import Scenario
 
 MM = 1000.0
 BRACKET = SHIPPED / "bracket"

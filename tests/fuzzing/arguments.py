@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios import cli
-from scenarios.scenario import load_scenario
+from pickproof.scenarios.commands import cli
+from pickproof.scenarios.config.scenario import load_scenario
 from tests.scenarios.planted_episode import write_campaign
 
 NUMBERS = ("nan", "inf", "-inf", "-1", "0", "1e999", "-0.0", "0x10", "1,5", "1e-400", "9" * 400, "--1", "½")

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cell.camera import Intrinsics
-from cell.errors import InputError
-from cell.frames import Array, about_axis, invert
-from perception.camera_file import read_camera
+from pickproof.cell.errors import InputError
+from pickproof.cell.frames import Array, about_axis, invert
+from pickproof.cell.sensing.camera import Intrinsics
+from pickproof.perception.camera_files.camera_file import read_camera
 from tests.fuzzing.mutate import mutated, with_garbage
 
 CAMERA = Intrinsics(640, 480, 900.5, 901.25, 322.5, 238.25)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.errors import InputError
-from cell.point_file import read_point_file
-from cell.workpiece import load_workpiece
-from perception.user_frame import Options, read_frame
+from pickproof.cell.errors import InputError
+from pickproof.cell.geometry.point_file import read_point_file
+from pickproof.cell.workpiece.workpiece import load_workpiece
+from pickproof.perception.own_images.user_frame import Options, read_frame
 from tests.fuzzing.mutate import GARBAGE
 
 COUNT = 90

@@ -9,7 +9,7 @@ import manifold3d as m3
 import numpy as np
 import trimesh
 
-from cell.frames import Array, random_rotations
+from pickproof.cell.frames import Array, random_rotations
 
 VOLUME = 24_000.0
 """[mm3] of every solid."""

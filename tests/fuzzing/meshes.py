@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.errors import InputError
-from cell.mesh_check import as_trimesh
-from cell.mesh_read import read_checked_here
+from pickproof.cell.errors import InputError
+from pickproof.cell.mesh.check import as_trimesh
+from pickproof.cell.mesh.read import read_checked_here
 from tests.fuzzing.mesh_writers import VOLUME, WRITERS, random_solid
 
 UNIT_ERROR = 500.0

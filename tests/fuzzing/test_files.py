@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cell.camera import Intrinsics
-from perception.camera_file import read_camera
+from pickproof.cell.sensing.camera import Intrinsics
+from pickproof.perception.camera_files.camera_file import read_camera
 from tests.fuzzing import cameras, clouds, yaml_files
 
 EXAMPLES = {cameras: 500, clouds: 60, yaml_files: 150}

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cell.errors import InputError
-from cell.mesh_check import as_trimesh, check_mesh
-from cell.mesh_read import read_checked_here
+from pickproof.cell.errors import InputError
+from pickproof.cell.mesh.check import as_trimesh, check_mesh
+from pickproof.cell.mesh.read import read_checked_here
 from tests.fuzzing.mesh_writers import VOLUME, WRITERS, Solid, random_solid
 from tests.fuzzing.meshes import check_mesh_file, cut, hostile_mesh
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cell.config import load, read_yaml
-from cell.errors import InputError
-from cell.gripper import SHIPPED as GRIPPERS
-from cell.gripper import load_gripper
-from cell.workpiece import SHIPPED as WORKPIECES
-from cell.workpiece import WorkpieceConfig
-from grasping.grasp_points import read_table
-from robots.model import RobotConfig
-from scenarios.scenario import load_scenario
+from pickproof.cell.config import load, read_yaml
+from pickproof.cell.errors import InputError
+from pickproof.cell.grippers.registry import SHIPPED as GRIPPERS
+from pickproof.cell.grippers.registry import load_gripper
+from pickproof.cell.workpiece.workpiece import SHIPPED as WORKPIECES
+from pickproof.cell.workpiece.workpiece import WorkpieceConfig
+from pickproof.grasping.grasp_points import read_table
+from pickproof.robots.kinematics.model import RobotConfig
+from pickproof.scenarios.config.scenario import load_scenario
 from tests.fuzzing.mutate import holder, mutated, scaled, with_garbage
 
 ROOT = WORKPIECES.parent.parent

@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.bin import Bin
-from cell.frames import Array, about_axis, apply, make_transform, random_rotations
-from cell.tool import Gripper
-from cell.workpiece import Workpiece
-from grasping.candidates import PER_ESTIMATE, Selection, select
-from grasping.clearance import OpenGripper, without_workpiece
-from grasping.grasp_points import MAX_TILT_DEG, GraspPoses, Turn, expand
-from grasping.overlap import LIES
-from grasping.ranking import GraspingConfig, robustness
-from grasping.verdict import VERDICTS, Verdict
+from pickproof.cell.frames import Array, about_axis, apply, make_transform, random_rotations
+from pickproof.cell.geometry.bin import Bin
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.candidates import PER_ESTIMATE, Selection, select
+from pickproof.grasping.clearance import OpenGripper, without_workpiece
+from pickproof.grasping.grasp_points import MAX_TILT_DEG, GraspPoses, Turn, expand
+from pickproof.grasping.overlap import LIES
+from pickproof.grasping.ranking import GraspingConfig, robustness
+from pickproof.grasping.verdict import VERDICTS, Verdict
 
 NOTHING = np.zeros((0, 3))
 

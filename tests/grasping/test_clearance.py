@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.bin import Bin, Box
-from cell.frames import Array, about_axis, apply, invert, make_transform, random_rotations
-from cell.tool import Gripper
-from cell.workpiece import Workpiece
-from grasping.clearance import POINT_MARGIN, WALL_MARGIN, OpenGripper, thin, without_workpiece
+from pickproof.cell.frames import Array, about_axis, apply, invert, make_transform, random_rotations
+from pickproof.cell.geometry.bin import Bin, Box
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.clearance import POINT_MARGIN, WALL_MARGIN, OpenGripper, thin, without_workpiece
 
 DOWN = about_axis((1, 0, 0), np.array(np.pi))
 

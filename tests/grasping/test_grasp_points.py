@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.errors import InputError
-from cell.frames import Array, about_axis, apply, invert
-from cell.gripper import load_gripper
-from cell.jaw import ParallelJaw
-from cell.symmetry import Symmetry
-from cell.tool import Gripper
-from cell.workpiece import Workpiece, list_workpieces, load_workpiece
-from grasping.grasp_points import (
+from pickproof.cell.errors import InputError
+from pickproof.cell.frames import Array, about_axis, apply, invert
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.grippers.parallel_jaw import ParallelJaw
+from pickproof.cell.grippers.registry import load_gripper
+from pickproof.cell.symmetry.symmetry import Symmetry
+from pickproof.cell.workpiece.workpiece import Workpiece, list_workpieces, load_workpiece
+from pickproof.grasping.grasp_points import (
     OPENING_MARGIN,
     GraspPoint,
     GraspPoses,

@@ -10,11 +10,11 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-from cell.errors import InputError
-from cell.frames import Array, from_rpy, invert
-from cell.workpiece import Workpiece
-from grasping.grasp_points import GraspPoses, expand, opening
-from grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
+from pickproof.cell.errors import InputError
+from pickproof.cell.frames import Array, from_rpy, invert
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.grasp_points import GraspPoses, expand, opening
+from pickproof.grasping.isaac_grasp import isaac_grasps_text, read_isaac_grasps
 
 HAND = from_rpy((0.0, 0.0, 0.1034), (0.0, 0.0, np.pi / 2))
 """T_gripper_tool of a hand that closes along its y axis, with the finger tips 103.4 mm in front of it."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.frames import about_axis, make_transform
-from cell.workpiece import load_workpiece
-from grasping.overlap import EDGE, SPACING, overlaps
-from tests.cell.solids import block
+from pickproof.cell.frames import about_axis, make_transform
+from pickproof.cell.workpiece.workpiece import load_workpiece
+from pickproof.grasping.overlap import EDGE, SPACING, overlaps
+from tests.cell.workpiece.solids import block
 
 X, Y, Z = 0.06, 0.05, 0.012
 PLATE = block((X, Y, Z), 0.15)

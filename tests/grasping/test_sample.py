@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.frames import apply, invert
-from cell.tool import Gripper
-from cell.workpiece import Workpiece
-from grasping.grasp_points import expand, opening
-from grasping.sample import propose
+from pickproof.cell.frames import apply, invert
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.workpiece.workpiece import Workpiece
+from pickproof.grasping.grasp_points import expand, opening
+from pickproof.grasping.sample import propose
 
 
 def test_proposals_grip_opposed_faces_and_leave_room(bracket: Workpiece, gripper: Gripper) -> None:

@@ -1,4 +1,5 @@
-"""Proposals for cups and magnets, against the limits of `cell.holding` and the geometry of plain solids."""
+"""Proposals for cups and magnets, against the limits of `cell.grippers.holding_force` and the geometry of plain
+solids."""
 
 from __future__ import annotations
 
@@ -7,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.gripper import load_gripper
-from cell.jaw import ParallelJaw
-from cell.pads import PadGripper
-from cell.probe import probe_part
-from cell.suction import VacuumGripper
-from cell.symmetry import Symmetry
-from cell.workpiece import load_workpiece
-from cell.world import GRAVITY
-from grasping.grasp_points import expand
-from grasping.sample import SPACING, propose
-from grasping.sample_freeform import freeform_proposals
-from grasping.sample_pads import LIFTED, PRESS, PRESS_ALONE, worst_use
-from tests.cell.part_shapes import gear, mesh_of
-from tests.cell.solids import block, drilled, rod
+from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.parallel_jaw import ParallelJaw
+from pickproof.cell.grippers.registry import load_gripper
+from pickproof.cell.grippers.vacuum import VacuumGripper
+from pickproof.cell.physics.contact_probe import probe_part
+from pickproof.cell.physics.world import GRAVITY
+from pickproof.cell.symmetry.symmetry import Symmetry
+from pickproof.cell.workpiece.workpiece import load_workpiece
+from pickproof.grasping.grasp_points import expand
+from pickproof.grasping.sample import SPACING, propose
+from pickproof.grasping.sample_freeform import freeform_proposals
+from pickproof.grasping.sample_pads import LIFTED, PRESS, PRESS_ALONE, worst_use
+from tests.cell.workpiece.part_shapes import gear, mesh_of
+from tests.cell.workpiece.solids import block, drilled, rod
 
 CUP, MAGNET = load_gripper("cup_20"), load_gripper("magnet_20")
 PLATE = block((0.06, 0.05, 0.012), 0.15)
@@ -56,7 +57,7 @@ def test_the_use_is_that_of_the_cups_limits() -> None:
 
 
 def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("grasping.sample_pads.SPOTS", 300)
+    monkeypatch.setattr("pickproof.grasping.sample_pads.SPOTS", 300)
     rng = np.random.default_rng
     holed = propose(drilled((0.10, 0.08, 0.01), 0.1, 0.008, 0.2), CUP, 4, rng(0))  # one hole in the middle
     assert holed and min(np.linalg.norm(p.centre[:2]) for p in holed) > 0.010 + 0.004 - 0.002  # it would leak
@@ -69,7 +70,7 @@ def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds(monkeypatch: py
 
 def test_a_freeform_workpiece_gets_grasps_of_a_jaw(monkeypatch: pytest.MonkeyPatch) -> None:
     """The bunny has no parallel faces: every proposal has surface at both pads, and none inside the gripper."""
-    monkeypatch.setattr("grasping.sample_freeform.DIRECTIONS", 60)
+    monkeypatch.setattr("pickproof.grasping.sample_freeform.DIRECTIONS", 60)
     bunny, jaw = load_workpiece("bunny"), load_gripper("jaw_v1")
     points = propose(bunny, jaw, 3, np.random.default_rng(0))
     assert len(points) == 3
@@ -85,7 +86,7 @@ def test_a_freeform_workpiece_gets_grasps_of_a_jaw(monkeypatch: pytest.MonkeyPat
 
 def test_teeth_are_gripped_from_straight_above(monkeypatch: pytest.MonkeyPatch) -> None:
     """A gear that lies on a face: jaws across its teeth, one tooth against the gap of two, from either side."""
-    monkeypatch.setattr("grasping.sample_freeform.DIRECTIONS", 0)
+    monkeypatch.setattr("pickproof.grasping.sample_freeform.DIRECTIONS", 0)
     made = mesh_of(gear(17))
     plain = block((0.038, 0.038, 0.012), 0.08)
     wheel = replace(plain, vertices=made.vertices, faces=made.faces, symmetry=Symmetry((180.0, 0.0, 360 / 17)))
@@ -99,7 +100,7 @@ def test_teeth_are_gripped_from_straight_above(monkeypatch: pytest.MonkeyPatch) 
 
 def test_ten_cups_find_the_one_place_between_the_slots_of_a_rail(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 1,500 places drawn at random none keeps all ten cups off the slots; over the centre of mass there is one."""
-    monkeypatch.setattr("grasping.sample_pads.SPOTS", 100)
+    monkeypatch.setattr("pickproof.grasping.sample_pads.SPOTS", 100)
     rail, cups = load_workpiece("ps6d_23"), load_gripper("cup_rail")
     assert isinstance(cups, VacuumGripper)
     points = propose(rail, cups, 4, np.random.default_rng(0))

@@ -10,15 +10,15 @@ import torch
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from cell.bin import Bin
-from cell.camera import DepthFrame, Intrinsics, look_at, render
-from cell.frames import Array, invert
-from cell.sensor import SensorConfig, measure
-from cell.settle import fill_bin
-from cell.symmetry import Symmetry
-from cell.workpiece import Workpiece, load_workpiece
-from cell.world import World
-from perception.votes import Votes
+from pickproof.cell.frames import Array, invert
+from pickproof.cell.geometry.bin import Bin
+from pickproof.cell.physics.bin_filling import fill_bin
+from pickproof.cell.physics.world import World
+from pickproof.cell.sensing.camera import DepthFrame, Intrinsics, look_at, render
+from pickproof.cell.sensing.sensor_model import SensorConfig, measure
+from pickproof.cell.symmetry.symmetry import Symmetry
+from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
+from pickproof.perception.ps6d.votes import Votes
 
 torch.set_num_threads(1)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.frames import Array
-from cell.workpiece import Workpiece, load_workpiece
-from perception.scenes import heap_fingerprint, settle_heap
+from pickproof.cell.frames import Array
+from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
+from pickproof.perception.data.scenes import heap_fingerprint, settle_heap
 
 
 @lru_cache(maxsize=1)

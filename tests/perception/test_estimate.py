@@ -7,14 +7,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from cell.camera import DepthFrame
-from cell.frames import Array, about_axis, invert
-from cell.pose_error import point_distances
-from cell.sensor import measure
-from perception.estimate import Perception
-from perception.metrics import visible_instances
-from perception.refine import RefineResult
-from perception.scenes import heap_bin, overhead_view, render_heap
+from pickproof.cell.frames import Array, about_axis, invert
+from pickproof.cell.sensing.camera import DepthFrame
+from pickproof.cell.sensing.sensor_model import measure
+from pickproof.cell.symmetry.pose_error import point_distances
+from pickproof.perception.data.scenes import heap_bin, overhead_view, render_heap
+from pickproof.perception.estimate import Perception
+from pickproof.perception.evaluation.metrics import visible_instances
+from pickproof.perception.refinement.refine import RefineResult
 from tests.perception.small_heaps import bracket, small_heaps
 
 

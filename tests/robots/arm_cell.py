@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.bin import Bin, Box, table
-from cell.frames import Array, about_axis, make_transform
-from cell.pieces import CollisionBox
-from robots.dynamics import Load, torques
-from robots.held import HeldPart
-from robots.model import RobotModel
-from robots.plan import PickRequest
-from robots.trajectory import Trajectory
+from pickproof.cell.frames import Array, about_axis, make_transform
+from pickproof.cell.geometry.bin import Bin, Box, table
+from pickproof.cell.workpiece.collision_pieces import CollisionBox
+from pickproof.robots.collision.held_part import HeldPart
+from pickproof.robots.kinematics.model import RobotModel
+from pickproof.robots.motion.dynamics import Load, torques
+from pickproof.robots.motion.trajectory import Trajectory
+from pickproof.robots.plan.pick_plan import PickRequest
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 T_FLANGE_TOOL = make_transform(t=(0, 0, 0.16))

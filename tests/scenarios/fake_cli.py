@@ -5,10 +5,12 @@ import sys
 if __name__ == "__main__":  # worker processes import this file too, and need no more of it
     from tests.scenarios import fake_episode
 
-    sys.modules["scenarios.episode"] = fake_episode
-    import scenarios.workcell
-    from scenarios.cli import main
+    sys.modules["pickproof.scenarios.campaign.episode"] = fake_episode
+    import pickproof.scenarios.picking.workcell
+    from pickproof.scenarios.commands.cli import main
 
-    scenarios.workcell.check_inputs = lambda scenario, oracle: None  # the episode without physics reads no files
+    pickproof.scenarios.picking.workcell.check_inputs = lambda scenario, oracle: (
+        None
+    )  # the episode without physics reads no files
 
     sys.exit(main())

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.errors import InputError, SimulationError
-from scenarios.job import Job
-from scenarios.records import AttemptRecord, EpisodeRecord, Reason
+from pickproof.cell.errors import InputError, SimulationError
+from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord, Reason
 
 GRASPS = ("long_side", "flange", "step")
 

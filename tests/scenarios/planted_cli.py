@@ -6,9 +6,11 @@ import types
 from tests.scenarios import planted_episode
 
 if __name__ == "__main__":
-    sys.modules["scenarios.episode"] = planted_episode
+    sys.modules["pickproof.scenarios.campaign.episode"] = planted_episode
     # a planted episode reads no files, and the real work cell takes seconds to import
-    sys.modules["scenarios.workcell"] = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)
-    from scenarios.cli import main
+    sys.modules["pickproof.scenarios.picking.workcell"] = types.SimpleNamespace(
+        check_inputs=lambda scenario, oracle: None
+    )
+    from pickproof.scenarios.commands.cli import main
 
     sys.exit(main())

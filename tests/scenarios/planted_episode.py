@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cell.errors import SimulationError
-from scenarios.job import Job
-from scenarios.records import AttemptRecord, EpisodeRecord
-from scenarios.scenario import Scenario
+from pickproof.cell.errors import SimulationError
+from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.config.scenario import Scenario
+from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
 
 
 def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
@@ -33,8 +33,8 @@ def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> Episod
 
 def write_campaign(out, scenario: Scenario, seeds: range, **meta) -> None:
     """A results file of such episodes, made in this process."""
-    from scenarios.scenario import scenario_hash, scenario_json
-    from scenarios.store import Store
+    from pickproof.scenarios.config.scenario import scenario_hash, scenario_json
+    from pickproof.scenarios.results.store import Store
 
     values = {"scenario": scenario_json(scenario), "scenario_hash": scenario_hash(scenario), "seed": seeds.start}
     values |= {"episodes": len(seeds), "oracle": [], "weights_hash": "", "versions": {}, "command": "", "wall_s": 0.0}

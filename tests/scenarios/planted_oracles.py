@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scenarios.job import Job
-from scenarios.records import AttemptRecord, EpisodeRecord
+from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
 
 COSTS = {"perception": 0.02, "grasp": 0.25, "motion": 0.04}
 

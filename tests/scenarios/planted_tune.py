@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenarios.tune_search import Told
-from scenarios.tune_trial import GraspTask
+from pickproof.scenarios.tuning.grasp_objective import GraspTask
+from pickproof.scenarios.tuning.optimizer import Told
 
 BEST = np.array([0.003, 0.0, 0.0])
 

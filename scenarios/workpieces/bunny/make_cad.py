@@ -13,8 +13,8 @@ import manifold3d as m3
 import numpy as np
 import trimesh
 
-from cell.frames import Array, apply, from_rpy, invert
-from scenarios.workpieces.cad import Solid, write
+from pickproof.cell.frames import Array, apply, from_rpy, invert
+from pickproof.scenarios.workpieces.cad import Solid, write
 
 EXTENTS = (41.0, 38.0, 56.0)
 EDGE = 2.5  # of the triangles

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenarios.workpieces.cad import Solid, cylinder, revolved, write
+from pickproof.scenarios.workpieces.cad import Solid, cylinder, revolved, write
 
 # (radius, z), counter-clockwise from the middle of the foot
 PROFILE = [

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.workpieces.cad import Solid, cylinder, extruded, write
+from pickproof.scenarios.workpieces.cad import Solid, cylinder, extruded, write
 
 TEETH = 36
 MODULE = 99.0 / (TEETH + 2)  # tip diameter = module (teeth + 2)

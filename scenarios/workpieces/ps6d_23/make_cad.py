@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenarios.workpieces.cad import Solid, box, write
+from pickproof.scenarios.workpieces.cad import Solid, box, write
 
 LENGTH, WIDTH, HEIGHT, WALL = 1304.0, 92.0, 32.0, 6.0
 TOP = 54.0  # width of the hat without its brims

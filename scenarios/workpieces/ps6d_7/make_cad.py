@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenarios.workpieces.cad import Solid, box, cylinder, write
+from pickproof.scenarios.workpieces.cad import Solid, box, cylinder, write
 
 LARGE_BOSS, SMALL_BOSS = (28.0, 40.0), (199.0, 33.0)  # axes
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import manifold3d as m3
 import numpy as np
 
-from scenarios.workpieces.cad import Piece, Solid, cylinder, write
+from pickproof.scenarios.workpieces.cad import Piece, Solid, cylinder, write
 
 LENGTH, RING_DIAMETER, COLLAR_DIAMETER = 151.0, 99.0, 65.0
 WIRE_RADIUS = 11.0  # of the ring's round section

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenarios.workpieces.cad import Solid, box, cylinder, write
+from pickproof.scenarios.workpieces.cad import Solid, box, cylinder, write
 
 SOCKET = (20.0, 7.0)  # axis of one socket; the other is half a turn away
 HEIGHT = 47.0

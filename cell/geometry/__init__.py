@@ -1,0 +1,1 @@
+"""Boxes and bins, ray casting, nearest points, point files."""

@@ -1,0 +1,1 @@
+"""Grippers: parallel jaws, vacuum cups, magnets; one YAML file each in this folder."""

@@ -1,0 +1,1 @@
+"""The PyBullet simulation: world, bin filling, arm, trajectory execution, grip, force sensor."""

@@ -1,0 +1,1 @@
+"""The workpiece: CAD, mass, collision pieces, resting poses, optical surface."""

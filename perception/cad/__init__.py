@@ -1,0 +1,1 @@
+"""What perception computes from the CAD once: samples, distance field, silhouettes."""

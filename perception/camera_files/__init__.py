@@ -1,0 +1,1 @@
+"""Cameras from the files in which cameras, libraries and datasets describe them."""

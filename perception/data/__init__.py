@@ -1,0 +1,1 @@
+"""Scenes and images: settled heaps, BOP datasets, regions of interest, noise of an image."""

@@ -1,0 +1,1 @@
+"""Metrics, evaluation on held-out heaps, and the calibration of the score."""

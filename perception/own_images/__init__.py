@@ -1,0 +1,1 @@
+"""The poses of workpieces in depth images and point clouds of the user's own."""

@@ -1,0 +1,1 @@
+"""The PS6D network: cloud, point hierarchy, network, loss, voting, weights."""

@@ -1,0 +1,1 @@
+"""From votes to verified poses: hypotheses, ICP against the CAD, verification, score."""

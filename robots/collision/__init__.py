@@ -1,0 +1,1 @@
+"""Collision checks of arm, tool and held part."""

@@ -1,0 +1,1 @@
+"""The arm: its model, forward and inverse kinematics, and its links."""

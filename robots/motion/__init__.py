@@ -1,0 +1,1 @@
+"""Trajectories and their timing: joint moves, tool lines, blended motions, torque limits."""

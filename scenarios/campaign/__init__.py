@@ -1,0 +1,1 @@
+"""Episodes and campaigns, in worker processes or on a Ray cluster."""

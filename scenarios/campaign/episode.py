@@ -1,0 +1,100 @@
+"""One episode: a seeded bin fill, attempted until it is cleared or the stop rule ends it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+
+from pickproof.cell.sensing.camera import DepthFrame
+from pickproof.cell.workpiece.workpiece import load_workpiece
+from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.picking.episode_state import EpisodeState
+from pickproof.scenarios.picking.pick import Perceive, attempt_pick
+from pickproof.scenarios.picking.recorder import Recorder
+from pickproof.scenarios.picking.stages import Estimates
+from pickproof.scenarios.picking.workcell import SOURCE, Workcell
+from pickproof.scenarios.results.records import AttemptRecord, End, EpisodeRecord, Reason
+
+ORACLE_PIXELS = 150
+"""The perception oracle knows the workpieces of which at least this many pixels are seen."""
+NO_PICKS_IN_A_ROW = 3
+"""Images taken one after the other that offer nothing to pick before a bin counts as stuck."""
+
+
+def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
+    """Fill the bin in the order of the job's seed and pick until the end; each attempt is handed on as it ends."""
+    start = time.perf_counter()
+    scenario, exact = job.scenario, "perception" in job.oracle
+    perceive = oracle_perception if exact else ps6d(scenario.workpiece, scenario.perception.min_score)
+    cell = Workcell.build(scenario, job.seed, job.pictures, job.oracle)
+    recorder = Recorder(cell, job.keep) if job.keep is not None and job.keep.which != "none" else None
+    try:
+        state = EpisodeState.of(cell)
+        picked, attempts, end = _pick_until_end(cell, perceive, state, job.seed, on_attempt, recorder)
+    finally:
+        cell.close()
+    return EpisodeRecord(job.seed, cell.dropped, picked, end, attempts, time.perf_counter() - start)
+
+
+def _pick_until_end(
+    cell: Workcell,
+    perceive: Perceive,
+    state: EpisodeState,
+    seed: int,
+    on_attempt: Callable[[AttemptRecord], None],
+    recorder: Recorder | None,
+) -> tuple[int, int, End]:
+    """Successes, attempts with no-picks, and how it ended."""
+    stop = cell.scenario.stop
+    picked = failures = no_picks = attempts = 0
+    while attempts < stop.attempt_limit:
+        if not cell.observe().parts_in(SOURCE):
+            return picked, attempts, "cleared"
+        record = attempt_pick(cell, perceive, state, seed, attempts, recorder)
+        on_attempt(record)
+        attempts += 1
+        picked += record.success
+        if record.moved:
+            failures = 0 if record.success else failures + 1
+        no_picks = 0 if record.moved else no_picks + 1
+        if no_picks:
+            state.failed.clear()  # what was left alone may be all there is
+        if no_picks >= NO_PICKS_IN_A_ROW:
+            return picked, attempts, "stuck"
+        if failures >= stop.failures_in_a_row or record.reason == Reason.SIMULATION_ERROR:
+            return picked, attempts, "stopped"
+    return picked, attempts, "stopped"
+
+
+def oracle_perception(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
+    """Ground truth in place of perception: exact poses of all workpieces that are seen, scored by visible area."""
+    truth = cell.observe()
+    pixels = np.array([np.count_nonzero(ids == i) for i in range(len(truth.Ts_world_part))])
+    seen = [i for i in truth.parts_in(SOURCE) if pixels[i] >= ORACLE_PIXELS]
+    score = np.minimum(pixels[seen] / max(pixels.max(initial=1), 1), 1.0)
+    order = np.argsort(-score, kind="stable")[: cell.scenario.perception.max_estimates]
+    return Estimates(truth.Ts_world_part[seen][order], score[order], np.zeros(len(order)))
+
+
+@lru_cache(maxsize=4)
+def ps6d(workpiece: str, min_score: float) -> Perceive:
+    """PS6D with the workpiece's shipped weights, loaded once a process."""
+    from pickproof.perception.estimate import Perception
+    from pickproof.perception.refinement.refine import RefineConfig
+    from pickproof.perception.refinement.verify import VerifyConfig
+
+    config = RefineConfig(verify=VerifyConfig(min_score=min_score))
+    perception = Perception.load(load_workpiece(workpiece), config=config)
+
+    def perceive(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
+        found = perception.perceive(frame, cell.source, rng).estimates
+        good = found[: cell.scenario.perception.max_estimates]
+        if not good:
+            return Estimates(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0))
+        Ts = frame.T_world_camera @ np.stack([e.T_camera_part for e in good])
+        return Estimates(Ts, np.array([e.score for e in good]), np.array([e.residual for e in good]))
+
+    return perceive

@@ -1,0 +1,39 @@
+"""Work that is no episode, in processes of this machine: one thread each, results in the order of the tasks."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any
+
+from pickproof.cell.child_process import child_environment
+from pickproof.scenarios.campaign.executor import WORKER_ENVIRONMENT
+
+Map = Callable[..., Iterator[Any]]
+"""As the built-in `map`: a function and its tasks to its results, in their order."""
+
+
+@contextmanager
+def mapping(workers: int) -> Iterator[Map]:
+    """A `map` over `workers` processes, or in this one; its function must not remember what it did before."""
+    if workers == 1:
+        yield map
+        return
+    with child_environment(WORKER_ENVIRONMENT):
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _start)
+        try:
+            yield pool.map
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _start() -> None:
+    """Of a worker: Ctrl-C reaches the whole group, the driver ends the workers; stdout may be a JSON document's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)

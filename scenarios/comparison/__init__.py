@@ -1,0 +1,1 @@
+"""Campaigns over the same bins compared: baseline, gate, sweep, attribution, pytest plugin."""

@@ -1,0 +1,1 @@
+"""The scenario schema, and what else decides a result."""

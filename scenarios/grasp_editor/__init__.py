@@ -1,0 +1,1 @@
+"""The page on which grasps are moved, checked, tried and saved."""

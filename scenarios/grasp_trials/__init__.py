@@ -1,0 +1,1 @@
+"""Grasps tried in the physics on a lone workpiece."""

@@ -1,0 +1,1 @@
+"""A user's CAD file made a workpiece with grasps and a cell."""

@@ -1,0 +1,1 @@
+"""One pick from the depth image to the judged outcome."""

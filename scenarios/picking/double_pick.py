@@ -1,0 +1,103 @@
+"""Over the place, where the arm stands still: how many workpieces came along, by their weight.
+
+The sensor's noise is that of one reading, and independent from one to the next: the mean of n has noise / sqrt(n). A
+light workpiece is read n times, as many as set one apart from two; where that takes longer than `wrist.PATIENCE`,
+nothing is decided.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pickproof.cell.frames import Array
+from pickproof.cell.physics.force_torque_sensor import PATIENCE, QUIET, weigh, weigh_swinging
+from pickproof.cell.physics.trajectory_execution import MotionLog, execute
+from pickproof.cell.physics.world import GRAVITY
+from pickproof.robots.motion.trajectory import joint_move
+from pickproof.robots.plan.pick_plan import PickPlan
+from pickproof.robots.program.waypoints import before_end
+from pickproof.scenarios.picking.motion_oracle import free_raise
+
+if TYPE_CHECKING:
+    from pickproof.scenarios.config.scenario import WristConfig
+    from pickproof.scenarios.picking.workcell import Workcell
+
+RAISED = 0.06  # [m] over a place, clear of what lies there
+RAISING = 0.3  # share of the joints' limits
+STEADY = 0.1  # of a workpiece's weight: spread of the reading over which it may swing
+SIGMAS = 4.5
+"""Standard deviations of the mean reading within half a workpiece's weight, and within what `double_above` leaves."""
+
+
+class Weighed(StrEnum):
+    """How many workpieces the wrist says came along."""
+
+    ONE = "one"
+    SEVERAL = "several"
+    CANNOT_TELL = "cannot tell"
+
+
+def readings(wrist: WristConfig, mass: float) -> int:
+    """Readings whose mean tells one workpiece of `mass` [kg] from two; 0 where they take longer than PATIENCE.
+
+    With `double_above` 1.7, one workpiece is then at least 1.4 SIGMAS below the limit and two 0.6 SIGMAS above it: one
+    is taken for two in less than one of 10^9 weighings, and two for one in 1.4 % at most, as all four readings must
+    exceed the limit.
+    """
+    apart = min(0.5, wrist.double_above - 1) * mass * GRAVITY
+    n = max(math.ceil((SIGMAS * wrist.noise_N / apart) ** 2), 1)
+    return n if n == 1 or n * wrist.seconds <= PATIENCE + 1e-9 else 0
+
+
+def count_by_weight(cell: Workcell, plan: PickPlan, rng: np.random.Generator) -> tuple[Weighed, MotionLog]:
+    """Whether what hangs on the arm, which stands still over the place, weighs as much as several workpieces.
+
+    What leans on the bin or on a neighbour there presses on the wrist too, so whatever seems too heavy is raised along
+    the way it came, weighed once more, and lowered again where it was not.
+    """
+    if not readings(cell.scenario.wrist, cell.workpiece.mass):
+        return Weighed.CANNOT_TELL, MotionLog()
+    heavy, log = _heavy(cell, rng)
+    if not heavy:
+        return Weighed.ONE, log
+    limit = cell.scenario.limits.contact_force_N
+    up = _way_up(cell, plan)
+    log += execute(cell.world, cell.arm, up, stop_above=limit)
+    heavy, weighing = _heavy(cell, rng)
+    log += weighing
+    if not log.stopped:
+        log += execute(cell.world, cell.arm, up[::-1], stop_above=limit)
+    return Weighed.SEVERAL if heavy else Weighed.ONE, log
+
+
+def _way_up(cell: Workcell, plan: PickPlan) -> Array:
+    """Joints (n, 6) from the place to RAISED over it."""
+    q, dt = plan.carry.q, cell.world.dt
+    if "motion" in cell.oracle:
+        return free_raise(q[-1], RAISED, dt)
+    high = before_end(cell.robot, plan.carry, cell.gripper.T_flange_tool, RAISED)
+    return joint_move(cell.robot, q[-1], q[high], RAISING, dt).q
+
+
+def _heavy(cell: Workcell, rng: np.random.Generator) -> tuple[bool, MotionLog]:
+    """Measured with the noise of the scenario's wrist sensor, from `rng`; no identities of workpieces enter.
+
+    What seems too heavy or pulls unevenly may swing, which within a moment can double its weight or take half of it.
+    """
+    wrist, mass = cell.scenario.wrist, cell.workpiece.mass
+    n = readings(wrist, mass)
+    noise = wrist.noise_N / GRAVITY / math.sqrt(n)
+    limit, steady = wrist.double_above * mass, STEADY * mass
+    reading = weigh(cell.world, cell.arm, n * wrist.seconds)
+    log = reading.log
+    heavy = reading.mass + noise * rng.standard_normal() > limit
+    if heavy or reading.spread > steady:
+        quiet = QUIET if n == 1 else max(QUIET, n * wrist.seconds)
+        reading = weigh_swinging(cell.world, cell.arm, steady, quiet)
+        log += reading.log
+        heavy = reading.mass + noise * rng.standard_normal() > limit
+    return heavy, log

@@ -1,0 +1,181 @@
+"""The cell of a scenario, built anew for every episode: everything a pick needs, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pickproof.cell.errors import InputError, SimulationError
+from pickproof.cell.frames import Array
+from pickproof.cell.geometry.bin import Bin, Box
+from pickproof.cell.grippers.base import Gripper
+from pickproof.cell.grippers.registry import load_gripper
+from pickproof.cell.physics.arm import Arm
+from pickproof.cell.physics.bin_filling import fill_bin
+from pickproof.cell.physics.floating_gripper import floating_arm, floating_home
+from pickproof.cell.physics.observation import Snapshot, observe
+from pickproof.cell.physics.world import World
+from pickproof.cell.sensing.camera import DepthFrame, render
+from pickproof.cell.sensing.sensor_model import measure
+from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
+from pickproof.grasping.grasp_points import GraspPoses, load_grasps
+from pickproof.robots.kinematics.model import RobotModel, load_robot
+from pickproof.robots.motion.dynamics import Load, overload
+from pickproof.scenarios.config.scenario import Scenario
+from pickproof.scenarios.picking.grasp_oracle import GraspOracle
+from pickproof.scenarios.placing.factory import Place, check_room, place_of
+
+SOURCE, PLACE = "source", "place"
+FILLS = 5
+"""Fills of a seed that are tried."""
+
+
+@dataclass
+class Workcell:
+    """A filled bin under a camera and an arm.
+
+    Attributes:
+        obstacles: static boxes of the cell: table and both bins.
+        dropped: workpieces that were dropped and lie in the source bin.
+        pictures: whether attempts keep pictures.
+        oracle: stages that ground truth replaces; with `motion` the arm is a floating gripper.
+        home: (6,) joints of the arm, or of the floating gripper, before the first pick.
+        grasp_oracle: where the grasp oracle tries grasps, else None.
+    """
+
+    scenario: Scenario
+    workpiece: Workpiece
+    robot: RobotModel
+    gripper: Gripper
+    grasps: GraspPoses
+    world: World
+    arm: Arm
+    home: Array
+    source: Bin
+    place: Bin
+    obstacles: list[Box]
+    dropped: int
+    pictures: bool
+    oracle: frozenset[str] = frozenset()
+    grasp_oracle: GraspOracle | None = None
+
+    @staticmethod
+    def build(scenario: Scenario, seed: int, pictures: bool = False, oracle: frozenset[str] = frozenset()) -> Workcell:
+        """Build the cell and fill the source bin in the order that `seed` gives.
+
+        Now and then a workpiece keeps rocking; such a fill is thrown away and the next one of the seed is taken.
+
+        Raises:
+            InputError: the scenario names something that does not exist or does not fit.
+            SimulationError: no fill in FILLS comes to rest.
+        """
+        for fill in range(FILLS - 1):
+            try:
+                return Workcell._build(scenario, np.random.default_rng((seed, 0, fill)), pictures, oracle)
+            except SimulationError:
+                continue
+        return Workcell._build(scenario, np.random.default_rng((seed, 0, FILLS - 1)), pictures, oracle)
+
+    @staticmethod
+    def _build(scenario: Scenario, rng: np.random.Generator, pictures: bool, oracle: frozenset[str]) -> Workcell:
+        workpiece, robot = load_workpiece(scenario.workpiece), load_robot(scenario.robot)
+        gripper = load_gripper(scenario.gripper)
+        grasps = load_grasps(workpiece, gripper, table_of(scenario))
+        world = World(scenario.physics.timestep, scenario.physics.solver_iterations)
+        try:
+            source, place = scenario.source_bin.build(SOURCE), scenario.place_bin.build(PLACE)
+            obstacles = [scenario.table.build(), *source.boxes(), *place.boxes()]
+            for box in obstacles:
+                world.add_box(box)
+            if "motion" in oracle:
+                arm, home = floating_arm(world, gripper), floating_home(place, gripper)
+            else:
+                arm, home = Arm(world, robot.urdf, robot.joints, gripper), robot.home
+            arm.reset(home)
+            heap = fill_bin(world, workpiece, source, scenario.count, rng)
+        except BaseException:
+            world.close()
+            raise
+        return Workcell(
+            scenario=scenario,
+            workpiece=workpiece,
+            robot=robot,
+            gripper=gripper,
+            grasps=grasps,
+            world=world,
+            arm=arm,
+            home=home,
+            source=source,
+            place=place,
+            obstacles=obstacles,
+            dropped=int(heap.inside.sum()),
+            pictures=pictures,
+            oracle=oracle,
+            grasp_oracle=GraspOracle(scenario, workpiece, gripper, source, obstacles) if "grasp" in oracle else None,
+        )
+
+    def close(self) -> None:
+        """Free the physics; the cell cannot be used after."""
+        self.world.close()
+        if self.grasp_oracle is not None:
+            self.grasp_oracle.close()
+
+    def new_place(self) -> Place:
+        """The places of the scenario, nothing placed yet."""
+        return place_of(self.scenario, self.place, self.workpiece, self.gripper)
+
+    def observe(self) -> Snapshot:
+        """Ground truth, for scoring and the oracle."""
+        return observe(self.world, [self.source, self.place])
+
+    def capture(self, rng: np.random.Generator) -> tuple[DepthFrame, np.ndarray]:
+        """What the sensor measures, and the instance ids (h, w) of the exact image, which are ground truth."""
+        camera, sensor = self.scenario.camera, self.scenario.sensor
+        exact = render(
+            self.workpiece.vertices,
+            self.workpiece.faces,
+            self.world.part_poses(),
+            self.obstacles,
+            camera.intrinsics,
+            camera.T_world_camera,
+            sensor.projector_offset,
+            reflections=sensor.sees_reflections(self.workpiece.optics),
+        )
+        frame = measure(exact, camera.intrinsics, camera.T_world_camera, sensor, rng, self.workpiece.optics)
+        return frame, exact.ids
+
+
+def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
+    """Read everything that a run will read.
+
+    Raises:
+        InputError: something that the scenario names is missing or not valid.
+    """
+    workpiece, gripper = load_workpiece(scenario.workpiece), load_gripper(scenario.gripper)
+    check_payload(scenario, load_robot(scenario.robot), gripper, workpiece)
+    load_grasps(workpiece, gripper, table_of(scenario))
+    check_room(scenario, workpiece)
+    if "perception" not in oracle:
+        from pickproof.perception.ps6d.weights import load_weights, weights_path
+
+        load_weights(weights_path(workpiece), workpiece)
+
+
+def table_of(scenario: Scenario) -> Path | None:
+    """The file of grasp points that a scenario names, if it names one."""
+    return Path(scenario.grasps) if scenario.grasps else None
+
+
+def check_payload(scenario: Scenario, robot: RobotModel, gripper: Gripper, workpiece: Workpiece) -> None:
+    """Whether the arm may carry gripper and workpiece at all.
+
+    Raises:
+        InputError: they weigh more than the robot's payload.
+    """
+    load = Load(gripper.mass, gripper.centre) + Load(workpiece.mass, workpiece.com)
+    if overload(robot, load):
+        value = f"{workpiece.name}, {workpiece.mass:.2f} kg, with {gripper.name}, {gripper.mass:.2f} kg"
+        valid = f"{robot.payload:.1f} kg in all at most, the payload of {robot.name}"
+        raise InputError(f"scenario {scenario.name}", "workpiece", value, valid)

@@ -1,0 +1,1 @@
+"""Where workpieces are put down: a heap in layers, or a pattern."""

@@ -1,0 +1,1 @@
+"""What a campaign leaves: records, the results file, the summary, replay files."""

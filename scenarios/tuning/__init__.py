@@ -1,0 +1,1 @@
+"""Search for grasp points, rank weights and scenario fields that make more picks succeed."""

@@ -1,0 +1,113 @@
+"""Campaigns of `pickproof tune`: candidates over the bins of the search, the old cell and the new over unseen ones."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from pickproof.grasping.grasp_points import GraspPoint
+from pickproof.scenarios.campaign.campaign import run_campaign
+from pickproof.scenarios.campaign.executor import Runner
+from pickproof.scenarios.comparison.compare import Comparison, compare
+from pickproof.scenarios.comparison.paired import Outcome, outcomes
+from pickproof.scenarios.config.scenario import Scenario, scenario_json, weights_used
+from pickproof.scenarios.files.atomic import free_folder, write_whole
+from pickproof.scenarios.files.grasps_text import table_text
+from pickproof.scenarios.results.store import FILE, Store
+from pickproof.scenarios.tuning.plan import HOLDOUT, Plan, Tell
+
+
+def run_cell(
+    plan: Plan, runner: Runner, points: Sequence[GraspPoint], scenario: Scenario, episodes: int
+) -> list[Outcome]:
+    """The first episodes of a candidate; what its folder holds already is not run again."""
+    key = hashlib.sha256(f"{_plain(scenario)} {points_hash(points)}".encode()).hexdigest()[:16]
+    return run_folder(plan, runner, plan.out / "campaigns" / key, points, scenario, plan.scenario.seed, episodes)
+
+
+def points_hash(points: Sequence[GraspPoint]) -> str:
+    """Of grasp points in their order."""
+    return hashlib.sha256("\n".join(p.model_dump_json() for p in points).encode()).hexdigest()[:16]
+
+
+def run_folder(
+    plan: Plan,
+    runner: Runner,
+    folder: Path,
+    points: Sequence[GraspPoint],
+    scenario: Scenario,
+    seed: int,
+    episodes: int,
+) -> list[Outcome]:
+    """Episodes from `seed` on with grasp points of their own, in order of seed."""
+    own, text = folder / "grasps.yaml", table_text(list(points), plan.gripper)
+    scenario = scenario.model_copy(update={"grasps": str(own.resolve()), "seed": seed})
+    there = (folder / FILE).is_file()
+    if there and (own.read_text(encoding="utf-8") != text or _scenario_of(folder) != _plain(scenario)):
+        folder.rename(free_folder(folder))  # of what an earlier end of the search proposed
+        there = False
+    if not there:
+        write_whole(own, text)
+    if not there or _ended(folder, seed + episodes) < episodes:
+        run_campaign(
+            scenario,
+            episodes=max(episodes, _asked(folder) if there else 0),
+            seed=seed,
+            workers=plan.workers,
+            ray=plan.ray,
+            oracle=plan.oracle,
+            out=folder,
+            runner=runner,
+            weights_hash=weights_used(scenario, plan.oracle),
+            command=plan.command,
+            resume=there,
+            pictures=False,
+        )
+    with Store.read(folder) as store:
+        found = outcomes(store.attempts(large=False), store.episodes())
+    return sorted((o for o in found if o.seed < seed + episodes), key=lambda o: o.seed)
+
+
+def on_unseen_bins(
+    plan: Plan,
+    runner: Runner,
+    points: Sequence[GraspPoint],
+    scenario: Scenario,
+    tell: Tell,
+    go_on: Callable[[], bool],
+) -> Comparison:
+    """Both over bins that the search has not seen, as many as the budget lets."""
+    seed = plan.scenario.seed + HOLDOUT
+    sides: Iterable[tuple[str, Sequence[GraspPoint], Scenario]] = (
+        ("old", plan.points, plan.scenario),
+        ("new", points, scenario),
+    )
+    for n in [*range(plan.block, plan.holdout, plan.block), plan.holdout]:
+        for name, own, cell in sides:
+            run_folder(plan, runner, plan.out / name, own, cell, seed, n)
+        tell("unseen bins", n, plan.holdout)
+        if n >= 2 and not go_on():
+            break
+    return compare(plan.out / "old", plan.out / "new")
+
+
+def _ended(folder: Path, before: int) -> int:
+    """How many episodes of seeds below `before` have ended; of workers' episodes a later one may end first."""
+    with Store.read(folder) as store:
+        return sum(e.seed < before for e in store.episodes())
+
+
+def _scenario_of(folder: Path) -> str:
+    with Store.read(folder) as store:
+        return _plain(Scenario.model_validate_json(store.meta()["scenario"]))
+
+
+def _plain(scenario: Scenario) -> str:
+    """The scenario without its seed and where its table lies."""
+    return scenario_json(scenario.model_copy(update={"seed": 0, "grasps": ""}))
+
+
+def _asked(folder: Path) -> int:
+    with Store.read(folder) as store:
+        return int(store.meta()["episodes"])

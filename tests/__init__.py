@@ -1,0 +1,1 @@
+"""Tests mirror the rooms; benchmarks and fuzzing stand beside them."""

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from pickproof.cell.errors import InputError
 from pickproof import Campaign
+from pickproof.cell.errors import InputError
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.results.store import Store

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pickproof.cell.errors import InputError
+from pickproof.scenarios.results.columns import columns_of
 from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
 from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.results.summary import summarise
@@ -16,9 +17,8 @@ from pickproof.scenarios.results.summary import summarise
 if TYPE_CHECKING:
     import pandas
 
-NESTED = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints", "pictures")
-"""What of an attempt is more than one value."""
-FLAT = tuple(f.name for f in fields(AttemptRecord) if f.name not in NESTED)
+FLAT = tuple(c.name for c in columns_of(AttemptRecord) if c.kind is not None)
+"""What of an attempt is a single value."""
 
 
 @dataclass(frozen=True)

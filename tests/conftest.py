@@ -83,11 +83,24 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def planted(in_process: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
     """The command line with planted episodes, called in an empty folder: words -> exit code."""
-    from pickproof.scenarios.commands.cli import main
     from tests.scenarios import planted_episode
 
-    no_cell = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)  # a planted episode reads no files
-    monkeypatch.setitem(sys.modules, "pickproof.scenarios.campaign.episode", planted_episode)
+    return _command_line(planted_episode, monkeypatch, tmp_path)
+
+
+@pytest.fixture
+def faked(in_process: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
+    """The same with the episodes of tests/scenarios/fake_episode.py."""
+    from tests.scenarios import fake_episode
+
+    return _command_line(fake_episode, monkeypatch, tmp_path)
+
+
+def _command_line(episode: types.ModuleType, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[..., int]:
+    from pickproof.scenarios.commands.cli import main
+
+    no_cell = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)  # such episodes read no files
+    monkeypatch.setitem(sys.modules, "pickproof.scenarios.campaign.episode", episode)
     monkeypatch.setitem(sys.modules, "pickproof.scenarios.picking.workcell", no_cell)
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(folder)
     return lambda *words: main(words)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.commands.arguments import file_to_write, some_path
 from pickproof.scenarios.files.atomic import StoreError
-from pickproof.scenarios.results.campaign_results import Campaign, columns
+from pickproof.scenarios.results.campaign_results import CampaignResults, columns
 from pickproof.scenarios.results.records import AttemptRecord
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _TOLD = ("scenario_hash", "weights_hash", "inputs_hash", "seed", "oracle", "versions", "command")
 
 
-def to_table(campaign: Campaign) -> pyarrow.Table:
+def to_table(campaign: CampaignResults) -> pyarrow.Table:
     """One row an attempt: single values as they are, matrices as lists of rows, tree and waypoints as JSON.
 
     What was run stands in the schema's metadata under `pickproof`, as JSON.
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """`pickproof export DIR --parquet FILE`."""
-    table = to_table(Campaign.open(args.directory))
+    table = to_table(CampaignResults.open(args.directory))
     from pyarrow import parquet
 
     target = args.parquet.resolve()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -76,12 +77,13 @@ class Comparison:
     more_to_bound: int | None
 
 
-def compare(a: Path, b: Path) -> Comparison:
-    """Compare the campaigns in two folders over the episodes that ended in both.
+def compare(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> Comparison:
+    """Compare two campaigns, or the campaigns in two folders, over the episodes that ended in both.
 
     Raises:
         InputError: there is nothing in a folder, or the campaigns were not over the same bins.
     """
+    a, b = Path(a), Path(b)
     with Store.read(a) as first, Store.read(b) as second:
         metas = first.meta(), second.meta()
         changed = changed_fields(metas[0]["scenario"], metas[1]["scenario"])

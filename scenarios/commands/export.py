@@ -6,7 +6,7 @@ import argparse
 
 from pickproof.scenarios.commands.arguments import file_to_write, some_path
 from pickproof.scenarios.reporting.parquet import to_table, write_parquet
-from pickproof.scenarios.results.campaign_results import Campaign
+from pickproof.scenarios.results.campaign_results import CampaignResults
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """`pickproof export DIR --parquet FILE`."""
-    table = to_table(Campaign.open(args.directory))
+    table = to_table(CampaignResults.open(args.directory))
     write_parquet(table, args.parquet)
     print(f"wrote {args.parquet}: {table.num_rows} attempts, {table.num_columns} columns")
     return 0

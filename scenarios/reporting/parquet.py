@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.files.atomic import StoreError
-from pickproof.scenarios.results.campaign_results import Campaign, columns
+from pickproof.scenarios.results.campaign_results import CampaignResults, columns
 from pickproof.scenarios.results.columns import Column, columns_of
 from pickproof.scenarios.results.records import AttemptRecord, Rows
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _NOTED = ("scenario_hash", "weights_hash", "inputs_hash", "seed", "oracle", "versions", "command")
 
 
-def to_table(campaign: Campaign) -> pyarrow.Table:
+def to_table(campaign: CampaignResults) -> pyarrow.Table:
     """One row an attempt: single values as they are, matrices as lists of rows, tree and waypoints as JSON.
 
     What was run stands in the schema's metadata under `pickproof`, as JSON.

@@ -196,7 +196,7 @@ def test_the_page_loads_plays_and_answers_without_an_error(page: ReplayPage, tmp
         browser.run("[...document.querySelectorAll('button')].find(b => b.innerText.trim() === 'Play').click()")
         begun = time.monotonic()
         while page._frame == before and time.monotonic() - begun < 60:
-            time.sleep(0.2)
+            time.sleep(0.05)
         assert page._frame > before
         picture = cv2.imread(str(browser.picture(tmp_path / "page.png")))
         assert len(np.unique(picture[:, :800].reshape(-1, 3), axis=0)) > 100  # something is drawn

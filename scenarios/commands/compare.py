@@ -9,7 +9,8 @@ from typing import Any
 from rich.console import Console
 
 from pickproof.scenarios.commands.arguments import file_to_write, some_path
-from pickproof.scenarios.comparison.compare import compare, print_comparison
+from pickproof.scenarios.comparison.compare import compare
+from pickproof.scenarios.comparison.compare_text import print_comparison
 from pickproof.scenarios.files.atomic import write_json
 
 

@@ -27,7 +27,7 @@ from pickproof.scenarios.commands.arguments import (
     number,
     some_path,
 )
-from pickproof.scenarios.comparison.compare import print_comparison
+from pickproof.scenarios.comparison.compare_text import print_comparison
 from pickproof.scenarios.config.scenario import Scenario, load_scenario, scenario_json, scenario_path
 from pickproof.scenarios.files.atomic import free_folder, write_json, write_whole
 from pickproof.scenarios.grasp_trials.robustness import named, read_errors

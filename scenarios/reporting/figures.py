@@ -97,9 +97,7 @@ def bin_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.F
             x=np.round(2 * half_x * ((np.arange(nx) + 0.5) / nx - 0.5), 1).tolist(),
             y=np.round(2 * half_y * ((np.arange(ny) + 0.5) / ny - 0.5), 1).tolist(),
             z=[[None if np.isnan(v) else float(v) for v in row] for row in rate],
-            text=[
-                [f"{g}/{n}" if n else "" for g, n in zip(*rows, strict=True)] for rows in zip(good, tried, strict=True)
-            ],
+            text=text,
             texttemplate="%{text}",
             hovertemplate="x %{x} mm, y %{y} mm: %{z:.1f} % (%{text})<extra></extra>",
             zmin=0,

@@ -17,6 +17,7 @@ from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.pose_estimate import PoseEstimate
+from pickproof.perception.ps6d.pose_fitting import FitConfig, fit_categories
 from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.voting import Categories, ClusterConfig, cluster, merge, nearest_rotations, vote
 from pickproof.perception.refinement.config import RefineConfig
@@ -55,12 +56,15 @@ class RefineResult:
             share of votes that a category holds, and residual and visible share are unknown (NaN).
         seconds: wall time of each stage in [s].
         examined: what the score is calibrated on; None without votes.
+        fitted: poses by all votes of a category, as `raw` otherwise; None where the settings do not ask for them, or
+            the network predicts no CAD coordinates.
     """
 
     estimates: list[PoseEstimate]
     raw: list[PoseEstimate]
     seconds: dict[str, float]
     examined: Examined | None = None
+    fitted: list[PoseEstimate] | None = None
 
 
 def refine(
@@ -82,6 +86,9 @@ def refine(
     votes = votes.finite()
     clustered = _two_stage_clusters(votes, shape, config.cluster)
     raw = _raw_estimates(clustered.categories, shape, len(votes))
+    clock.lap("cluster")
+    fitted = _fitted_estimates(clustered, shape, config.fit)
+    clock.lap("fit")
     clustered = _places_of_every_mode(clustered, shape, config.cluster)
     clock.lap("cluster")
     with torch.inference_mode():
@@ -94,7 +101,7 @@ def refine(
         clock.lap("verify")
     features = claims.evidence.features(inlier_tolerance(scene, config.verify))
     examined = Examined(_transforms(claims, shape), features, claims.scores, standing)
-    return RefineResult(_estimates(winners, shape), raw, clock.seconds, examined)
+    return RefineResult(_estimates(winners, shape), raw, clock.seconds, examined, fitted)
 
 
 def _two_stage_clusters(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Clustered:
@@ -150,6 +157,14 @@ def _estimates(claims: Claims, shape: ShapeModel) -> list[PoseEstimate]:
 def _transforms(claims: Claims, shape: ShapeModel) -> Array:
     R = nearest_rotations(claims.rotations.double().numpy())
     return make_transform(R, claims.positions.double().numpy() * shape.unit)
+
+
+def _fitted_estimates(clustered: Clustered, shape: ShapeModel, config: FitConfig | None) -> list[PoseEstimate] | None:
+    votes = clustered.votes
+    if config is None or votes.cad_coordinates is None:
+        return None
+    categories = fit_categories(votes, clustered.modes, clustered.categories, shape.symmetry, config)
+    return _raw_estimates(categories, shape, len(votes))
 
 
 def _raw_estimates(categories: Categories, shape: ShapeModel, n_votes: int) -> list[PoseEstimate]:

@@ -23,12 +23,12 @@ class SlotUsage:
 
     def fill(self, pose: int) -> None:
         """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""
-        self.used[self.offered[pose]] += 1
+        self.used[self.slot_of_pose[pose]] += 1
 
     def pass_over(self) -> None:
         """Offer other spots next time: no motion led to those of the last `tool_poses`."""
-        for spot in np.unique(self.offered):
+        for spot in np.unique(self.slot_of_pose):
             self.passed[spot] += 1
 
     def _none_yet(self, spots: int) -> None:
-        self.used, self.passed, self.offered = [0] * spots, [0] * spots, np.zeros(0, dtype=np.intp)
+        self.used, self.passed, self.slot_of_pose = [0] * spots, [0] * spots, np.zeros(0, dtype=np.intp)

@@ -69,7 +69,7 @@ def test_every_pose_offered_lets_the_workpiece_go_as_wanted(bracket: Workpiece, 
         T_part_tool = grasps.Ts_part_tool[rng.choice(np.flatnonzero(can))]
         Ts = plan.tool_poses(T_part_tool, 0.03)
         shape = OpenGripper.of(JAW.boxes(0.03))
-        for T, cell in zip(Ts, plan.offered, strict=True):
+        for T, cell in zip(Ts, plan.slot_of_pose, strict=True):
             part = T @ invert(T_part_tool)
             assert plan.used[cell] == 0
             np.testing.assert_allclose(part[:3, 3] - plan.wanted[cell][:3, 3], (0.0, 0.0, HOVER), atol=1e-9)

@@ -21,6 +21,7 @@ MAX_FALL = np.deg2rad(60.0)  # through which a workpiece may fall when it is let
 SAME_FACE = np.deg2rad(8.0)  # between resting faces that count as one: half a step of an infinite symmetry and a little
 UNLIKELY = 0.1  # of the likeliest resting pose's probability: on such a face it stands, and falls at a touch
 SLOTS_AT_ONCE = 5
+"""Slots to which poses are proposed at a time."""
 ABOVE = 0.02  # [m] of the line down to a place over the rim, and over what stands there
 
 
@@ -66,7 +67,7 @@ class PlacePlan(SlotUsage):
 
     @property
     def rounds(self) -> int:
-        """How often other slots can be offered until every one was."""
+        """How often `pass_over` brings other slots until every one was tried."""
         return -(-len(self.slots.centres) // SLOTS_AT_ONCE)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:

@@ -53,7 +53,7 @@ class PatternPlan(SlotUsage):
 
     @property
     def rounds(self) -> int:
-        """How often other cells can be offered until every free one was."""
+        """How often `pass_over` brings other cells until every free one was tried."""
         return -(-self.used.count(0) // SLOTS_AT_ONCE)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
@@ -73,7 +73,7 @@ class PatternPlan(SlotUsage):
     def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, in free cells, first ones first.
 
-        Every symmetric equivalent of the wanted pose is offered for which the gripper, `opening` [m] open, has room
+        Every symmetric equivalent of the wanted pose is among them for which the gripper, `opening` [m] open, has room
         beside bin and workpieces placed before.
         """
         free = np.flatnonzero(np.array(self.used) == 0)

@@ -42,7 +42,7 @@ def holds(bracket: Workpiece) -> Array:
 
 
 def parts_in_bin(plan: PlacePlan, T_part_tool: Array) -> Array:
-    """T_bin_part of the held part at every offered pose."""
+    """T_bin_part of the held part at every proposed pose."""
     return invert(plan.bin.T_world_bin) @ plan.tool_poses(T_part_tool) @ invert(T_part_tool)
 
 
@@ -108,7 +108,7 @@ def test_slots_fill_evenly_in_layers(bracket: Workpiece, holds: Array) -> None:
     assert set(plan.used) == {3}
 
 
-def test_a_refused_slot_is_offered_again(bracket: Workpiece, holds: Array) -> None:
+def test_a_refused_slot_comes_again(bracket: Workpiece, holds: Array) -> None:
     plan = PlacePlan(BIN, bracket, JAW)
     plan.tool_poses(holds[0])
     plan.fill(2 * YAWS)  # the third choice
@@ -125,7 +125,7 @@ def test_a_bin_smaller_than_the_part_has_one_slot_in_its_middle(bracket: Workpie
 
 
 def test_slots_without_a_way_make_room_for_others(bracket: Workpiece, holds: Array) -> None:
-    """Every slot is offered in turn, however many of them cannot be reached, and heights do not change by it."""
+    """Every slot comes in turn, however many of them cannot be reached, and heights do not change by it."""
     plan = PlacePlan(replace(BIN, inner=(0.40, 0.30, 0.06)), bracket, JAW)
     assert len(plan.slots.centres) > 2 * SLOTS_AT_ONCE
     seen: set[int] = set()

@@ -7,8 +7,9 @@ from pickproof.cell.workpiece.workpiece import SHIPPED
 from pickproof.scenarios.campaign.campaign import run_campaign
 from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.results.record_hash import record_hash
 from pickproof.scenarios.results.records import Reason
-from pickproof.scenarios.results.store import Store, record_hash
+from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.results.summary import summarise
 from tests.scenarios.fake_episode import run_episode
 

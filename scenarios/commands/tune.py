@@ -32,8 +32,9 @@ from pickproof.scenarios.config.scenario import Scenario, load_scenario, scenari
 from pickproof.scenarios.files.atomic import free_folder, write_json, write_whole
 from pickproof.scenarios.grasp_trials.robustness import named, read_errors
 from pickproof.scenarios.tuning.cell_stage import CELL
+from pickproof.scenarios.tuning.grasp_space import Reach
 from pickproof.scenarios.tuning.optimizer import JOURNAL, open_journal
-from pickproof.scenarios.tuning.plan import HOLDOUT, Plan
+from pickproof.scenarios.tuning.plan import HOLDOUT, Plan, Runners
 from pickproof.scenarios.tuning.proposal import (
     SCENARIO,
     TABLE,
@@ -45,7 +46,7 @@ from pickproof.scenarios.tuning.proposal import (
 )
 from pickproof.scenarios.tuning.report import REPORT, document, print_grasps, write_tune_report
 from pickproof.scenarios.tuning.run import run_plan
-from pickproof.scenarios.tuning.search_space import Reach, parse_field
+from pickproof.scenarios.tuning.scenario_fields import parse_field
 
 STATE, RESULT = "plan.json", "tune.json"
 SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
@@ -115,7 +116,7 @@ def main(args: argparse.Namespace) -> int:
                     stages[stage] = bar.add_task(stage, total=None)
                 bar.update(stages[stage], completed=done, total=total or None)
 
-            result = run_plan(plan, open_journal(plan.out), run, run_episode, tell)
+            result = run_plan(plan, open_journal(plan.out), Runners(run, run_episode, tell=tell))
     except KeyboardInterrupt:
         print(
             f"pickproof: interrupted; what was found is kept, --resume --out {plan.out} with the same words continues",

@@ -19,7 +19,7 @@ from pickproof.cell.physics.breakable_joint import Connection
 from pickproof.cell.physics.world import World, engine_friction
 
 GEAR_FORCE = 1e4  # [N] that keeps the fingers symmetric
-LOCK_FORCE = 2e3  # [N] that the slide of cups or magnets bears while they hold: evacuated bellows are solid
+LOCK_FORCE = 2e3  # [N] that the slide of cups or magnets withstands while they hold: evacuated bellows are solid
 
 
 class Arm:

@@ -20,9 +20,10 @@ from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.voting import nearest_rotations
 from pickproof.perception.refinement.depth_agreement import soft_score
 from pickproof.perception.refinement.depth_surface import SurfaceMap
+from pickproof.perception.refinement.evidence import vote_support
 from pickproof.perception.refinement.icp import COARSE, FINE, LAST, register
 from pickproof.perception.refinement.refine import Examined, RefineResult
-from pickproof.perception.refinement.verify import Evidence, _support, examine, inlier_tolerance, rivalry, suppress
+from pickproof.perception.refinement.verify import Evidence, examine, inlier_tolerance, rivalry, suppress
 from pickproof.perception.search.cad_table import CadTable, frames_of
 from pickproof.perception.search.config import SearchConfig
 from pickproof.perception.search.coverage import kept_by_points, poses_at
@@ -181,7 +182,7 @@ class Search:
         R64, t64 = R.numpy().astype(np.float64), t.numpy().astype(np.float64)
         votes = Votes(scene.points.points[have].astype(np.float64), t64[at[have]], R64[at[have]])
         tolerance = inlier_tolerance(scene.surface, rules)
-        support = _support(R[standing], t[standing], shape, 2 * tolerance, votes)
+        support = vote_support(R[standing], t[standing], shape, 2 * tolerance, votes)
         x = features.copy()
         x[standing, 8], x[standing, 9], x[standing, 10] = np.log1p(2 * support[0]), support[1], support[2]
         scores = self.decisions.acceptance.score(x)

@@ -21,7 +21,8 @@ from pickproof.cell.sensing.sensor_model import (
     smooth_noise,
 )
 from pickproof.cell.workpiece.optics import MATERIALS, Optics
-from pickproof.cell.workpiece.workpiece import SHIPPED, WorkpieceConfig
+from pickproof.cell.workpiece.workpiece import WorkpieceConfig
+from pickproof.scenarios.config.shipped import WORKPIECES
 
 K = Intrinsics.from_fov(200, 150, np.deg2rad(40))
 CLEAN = SensorConfig(speckle_dropout=0.0, edge_dropout=0.0, flying=0.0, lateral_sigma=0.0)
@@ -274,7 +275,7 @@ def test_bad_names_are_said_in_one_line() -> None:
 
 
 def test_a_workpiece_names_its_material_or_gives_the_numbers() -> None:
-    data = read_yaml(SHIPPED / "bracket" / "workpiece.yaml")
+    data = read_yaml(WORKPIECES / "bracket" / "workpiece.yaml")
     assert parse(WorkpieceConfig, data, "w").optics == GREY
     assert parse(WorkpieceConfig, {**data, "optics": "machined_steel"}, "w").optics == Optics.of("machined_steel")
     given = parse(WorkpieceConfig, {**data, "optics": {"albedo": 0.1, "specular": 0.2}}, "w").optics

@@ -17,11 +17,11 @@ from pickproof.perception.refinement.numba_kernels import distance_at, pixel_of,
 
 
 class CadPoints(NamedTuple):
-    """Visible points and outward normals (w, p, 3) of every view, of which the first `count` are used."""
+    """Visible points and outward normals (w, p, 3) of every view, of which the first `used` take part."""
 
     points: np.ndarray
     normals: np.ndarray
-    count: int
+    used: int
 
 
 class Association(NamedTuple):
@@ -89,13 +89,13 @@ def surface_terms(poses, cad, table, camera, field, rule, votes):  # type: ignor
         table, camera: of `SurfaceMap`. field: `FieldArrays`.
     """
     R, t, view = poses
-    visible, normals, count = cad
+    visible, normals, used = cad
     axis, centres = votes.axis, votes.centres
     hessians, slopes = np.zeros((len(R), 6, 6), np.float32), np.zeros((len(R), 6), np.float32)
     for i in range(len(R)):
         tx, ty, tz = t[i]
         ax, ay, az = turned(R, i, axis[0], axis[1], axis[2])
-        for k in range(count):
+        for k in range(used):
             px, py, pz = visible[view[i], k]
             x, y, z = turned(R, i, px, py, pz)
             pixel = pixel_of(camera, x + tx, y + ty, z + tz)

@@ -4,7 +4,7 @@ Three motion profiles are added up: along the line q1 away from the start, along
 of all joints from the far end of the one to the far end of the other,
     q(t) = q1(s1(t)) + d u + 4 b u (1 - u) + q2(s2(T - t)) - q2(1)   with d = q2(1) - q1(1), u = u(t - wait),
 where b raises the middle of the way over what stands there. Each profile goes from rest to rest, so the sum is smooth
-for any wait: the joints that decide the time turn while others still lift, once the tool has left what must be straight.
+for any wait: the joints that decide the time turn while others still lift, once the tool has left its straight part.
 What the sum does to the limits is measured, and the whole runs as fast as the tightest of them allows.
 """
 

@@ -1,4 +1,4 @@
-"""Motion profiles: how fast joints may move, straight or along a path, within velocity, acceleration and jerk (Ruckig)."""
+"""Motion profiles: how fast joints may move, straight or along a path, within velocity, acceleration, jerk (Ruckig)."""
 
 from __future__ import annotations
 

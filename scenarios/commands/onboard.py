@@ -20,9 +20,10 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.mesh.check import UNITS
 from pickproof.cell.mesh.read import read_checked
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
-from pickproof.cell.workpiece.workpiece import SHIPPED, load_workpiece, search_path
+from pickproof.cell.workpiece.workpiece import load_workpiece, search_path
 from pickproof.scenarios.commands.arguments import number, some_path
 from pickproof.scenarios.config.scenario import OF_WORKPIECE, load_scenario
+from pickproof.scenarios.config.shipped import WORKPIECES
 from pickproof.scenarios.files.atomic import write_json, write_whole
 from pickproof.scenarios.files.grasps_text import table_text
 from pickproof.scenarios.onboarding.page import listed_degrees, page, record, symmetry_lines
@@ -120,7 +121,7 @@ def _target(args: argparse.Namespace) -> tuple[Path, Path]:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", args.name):
         raise InputError("command line", "--name", args.name, "letters, digits, _ and -")
     root = search_path()[0]
-    if root == SHIPPED:
+    if root == WORKPIECES:
         root = DEFAULT
     target = root / args.name
     if target.exists() and not args.replace:
@@ -133,7 +134,7 @@ def _target(args: argparse.Namespace) -> tuple[Path, Path]:
         raise InputError(
             "command line", "--workpieces", str(root), f"a folder to write in ({error.strerror})"
         ) from None
-    if (SHIPPED / args.name).is_dir():
+    if (WORKPIECES / args.name).is_dir():
         print(f"{args.name}: this one will come before the shipped one, wherever {root} is searched", file=sys.stderr)
     return root, target
 

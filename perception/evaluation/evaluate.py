@@ -148,7 +148,7 @@ class EvaluationRequest:
     workpiece: str
     frames: int | None = None
     seed: int = 0
-    source: SceneSource = SceneSource()
+    source: SceneSource = field(default_factory=SceneSource)
     bop_results: Path | None = None
     weights: Path | None = None
     sensor: SensorConfig = field(default_factory=SensorConfig)

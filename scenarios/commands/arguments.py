@@ -4,8 +4,7 @@ cyclopts reads the command line. What it cannot say in one line is written here:
 the value that was given, and whether a file can be written before the work that fills it begins.
 """
 
-from __future__ import annotations
-
+# no `from __future__ import annotations`: cyclopts evaluates a field inherited from here in the module of the heir
 import math
 import os
 from collections.abc import Callable, Sequence

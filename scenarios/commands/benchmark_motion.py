@@ -1,4 +1,4 @@
-"""`pickproof benchmark motion`: how quick the arm is on real picks, beside what limits allow, and what planning costs."""
+"""`pickproof benchmark motion`: how quick the arm is on real picks, beside what limits allow."""
 
 from __future__ import annotations
 

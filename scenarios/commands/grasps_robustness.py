@@ -1,4 +1,4 @@
-"""`pickproof grasps robustness WORKPIECE`: errors of the pose that each grasp tolerates, against those of perception."""
+"""`pickproof grasps robustness WORKPIECE`: the errors of the pose that each grasp tolerates."""
 
 from __future__ import annotations
 

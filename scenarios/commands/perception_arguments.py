@@ -1,7 +1,6 @@
 """Options that several of the commands of perception share."""
 
-from __future__ import annotations
-
+# no `from __future__ import annotations`: cyclopts evaluates a field inherited from here in the module of the heir
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -31,7 +30,7 @@ class SourceOptions:
     bop_sensor: Annotated[str | None, about("of --bop with several, as photoneo")] = None
     obj: Annotated[int | None, about("object of --bop; default: the only one")] = None
 
-    def source(self) -> SceneSource:
+    def source(self) -> "SceneSource":
         """As perception takes it."""
         from pickproof.perception.training.scene_source import SceneSource
 
@@ -45,7 +44,7 @@ class NoiseOptions:
     sensor: Annotated[str | None, about("camera class; default: structured_light", group=_NOISE)] = None
     no_noise: Annotated[bool, about("exact depth in place of the sensor model", group=_NOISE)] = False
 
-    def sensor_config(self) -> SensorConfig:
+    def sensor_config(self) -> "SensorConfig":
         """The sensor's model.
 
         Raises:

@@ -15,7 +15,7 @@ from pickproof.scenarios.commands.perception_arguments import SourceOptions, Wor
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions(SourceOptions):
     """Options of `pickproof train`; the defaults are those of `TrainConfig`, which a test holds equal. The upper
-    limits refuse slips of the pen and what would fill the memory."""
+    limits refuse typing errors and what would fill the memory."""
 
     minutes: Annotated[float, number(0, 1e6, above=True), about("stop after these")] = 60.0
     clouds: Annotated[int, integer(1, 10**9), about("stop after this many clouds")] = 200_000

@@ -19,12 +19,12 @@ def explain(
     """`pickproof explain DIR --attempt N`."""
     from rich.console import Console
 
-    from pickproof.scenarios.reporting.explain import ESTIMATES_SHOWN, nth_attempt
+    from pickproof.scenarios.reporting.explain import ESTIMATES_SHOWN
     from pickproof.scenarios.reporting.explain import explain as print_explanation
     from pickproof.scenarios.results.store import Store
 
     with Store.read(directory) as store:
-        found = nth_attempt(store.attempts(), attempt)
+        found = store.nth_attempt(attempt)
     if json:
         head = {"seed": found.seed, "attempt": found.attempt, "success": found.success, "reason": found.reason}
         print(json_module.dumps(head | {"grasp": found.grasp, "tree": found.tree}, indent=2))

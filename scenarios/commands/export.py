@@ -16,9 +16,9 @@ def export(
 ) -> int:
     """`pickproof export DIR --parquet FILE`."""
     from pickproof.scenarios.reporting.parquet import to_table, write_parquet
-    from pickproof.scenarios.results.campaign_results import Campaign
+    from pickproof.scenarios.results.campaign_results import CampaignResults
 
-    table = to_table(Campaign.open(directory))
+    table = to_table(CampaignResults.open(directory))
     write_parquet(table, parquet)
     print(f"wrote {parquet}: {table.num_rows} attempts, {table.num_columns} columns")
     return 0

@@ -55,6 +55,7 @@ def run(
 
     from pickproof.scenarios.campaign.campaign import run_campaign
     from pickproof.scenarios.campaign.episode import run_episode
+    from pickproof.scenarios.campaign.request import CampaignRequest
     from pickproof.scenarios.commands.campaign_progress import CampaignProgress
     from pickproof.scenarios.config.scenario import load_scenario, weights_used
     from pickproof.scenarios.files.atomic import free_folder
@@ -83,8 +84,8 @@ def run(
         )
     try:
         with CampaignProgress(console, options.episodes, chosen.count, done) as progress:
-            run_campaign(
-                chosen.model_copy(update={"seed": seed}),
+            request = CampaignRequest(
+                scenario=chosen.model_copy(update={"seed": seed}),
                 episodes=options.episodes,
                 seed=seed,
                 workers=options.workers or (0 if options.ray else 1),
@@ -97,8 +98,8 @@ def run(
                 command=command_line(),
                 resume=options.resume,
                 pictures=not options.no_pictures,
-                on_event=progress.update,
             )
+            run_campaign(request, progress.update)
     except KeyboardInterrupt:
         with Store.read(out) as store:
             kept = len(store.attempts(large=False))

@@ -1,24 +1,24 @@
-"""The attempts of a campaign as a Parquet file, which other tools read."""
+"""The attempts of a campaign as one table that other tools read."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.files.atomic import StoreError
-from pickproof.scenarios.results.campaign_results import Campaign, columns
-from pickproof.scenarios.results.records import AttemptRecord
+from pickproof.scenarios.results.campaign_results import CampaignResults, columns
+from pickproof.scenarios.results.columns import Column, columns_of
+from pickproof.scenarios.results.records import AttemptRecord, Rows
 
 if TYPE_CHECKING:
     import pyarrow
 
-_TOLD = ("scenario_hash", "weights_hash", "inputs_hash", "seed", "oracle", "versions", "command")
+_NOTED = ("scenario_hash", "weights_hash", "inputs_hash", "seed", "oracle", "versions", "command")
 
 
-def to_table(campaign: Campaign) -> pyarrow.Table:
+def to_table(campaign: CampaignResults) -> pyarrow.Table:
     """One row an attempt: single values as they are, matrices as lists of rows, tree and waypoints as JSON.
 
     What was run stands in the schema's metadata under `pickproof`, as JSON.
@@ -30,31 +30,29 @@ def to_table(campaign: Campaign) -> pyarrow.Table:
         import pyarrow as pa
     except ImportError:
         raise InputError("command line", "--parquet", "no pyarrow", "pip install 'pickproof[data]'") from None
-    attempts = campaign.attempts
-    rows = pa.list_(pa.list_(pa.float64()))
-    simple = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "float | None": pa.float64()}
-    values = columns(attempts, campaign.episodes)
-    kind = dict.fromkeys(values, pa.string()) | {"compute_s": pa.float64(), "cycle_s": pa.float64()}
-    kind |= {f.name: simple[str(f.type)] for f in fields(AttemptRecord) if f.type in simple}
-    for name in ("estimate_T_world_part", "part_poses_after"):
-        values[name], kind[name] = [getattr(a, name) for a in attempts], rows
-    for name in ("tree", "waypoints"):
-        values[name], kind[name] = [_json(getattr(a, name)) for a in attempts], pa.string()
-    told = {key: campaign.meta[key] for key in _TOLD if key in campaign.meta}
-    schema = pa.schema(list(kind.items()), metadata={"pickproof": json.dumps(told, sort_keys=True)})
+    simple = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+    values = columns(campaign.attempts, campaign.episodes)
+    kinds = dict.fromkeys(values, pa.string()) | {"compute_s": pa.float64(), "cycle_s": pa.float64()}
+    for column in columns_of(AttemptRecord):
+        if column.kind is not None:
+            kinds[column.name] = simple[column.kind]
+            continue
+        values[column.name] = [_nested(column, getattr(a, column.name)) for a in campaign.attempts]
+        kinds[column.name] = pa.list_(pa.list_(pa.float64())) if column.hint == Rows else pa.string()
+    noted = {key: campaign.meta[key] for key in _NOTED if key in campaign.meta}
+    schema = pa.schema(list(kinds.items()), metadata={"pickproof": json.dumps(noted, sort_keys=True)})
     return pa.table(values, schema=schema)
 
 
-def _json(value: Any) -> str | None:
-    return None if value is None else json.dumps(value)
+def _nested(column: Column, value: Any) -> Any:
+    return value if value is None or column.hint == Rows else json.dumps(value)
 
 
 def write_parquet(table: pyarrow.Table, path: Path) -> None:
-    """Write a table, whole or not at all.
+    """Write a table whole or not at all.
 
     Raises:
-        InputError: `path` is no regular file.
-        StoreError: it cannot be written.
+        InputError: `path` is something else than a file. StoreError: it cannot be written.
     """
     from pyarrow import parquet
 

@@ -10,7 +10,6 @@ from pickproof.robots.kinematics.model import load_robot
 from pickproof.robots.program.tp_program import write_program
 from pickproof.robots.program.waypoints import waypoints_from_json
 from pickproof.scenarios.config.scenario import Scenario
-from pickproof.scenarios.reporting.explain import nth_attempt
 from pickproof.scenarios.results.store import Store
 
 
@@ -27,7 +26,7 @@ def program_of(directory: Path, index: str, name: str = "", output: int = 1) -> 
         InputError: no such attempt, or the arm did not move in it; a name that the controller does not take.
     """
     with Store.read(directory) as store:
-        attempt = nth_attempt(store.attempts(), index)
+        attempt = store.nth_attempt(index)
         scenario = Scenario.model_validate_json(store.meta()["scenario"])
     if not attempt.waypoints:
         raise InputError("command line", "--attempt", index, "an attempt in which the arm moved")

@@ -190,8 +190,8 @@ OLD = (
     "evaluate w --frames 2 --seed 1 --weights w.safetensors --sensor stereo --workers 2 --json --out o",
     "evaluate w --bop d --bop-results r.csv",
     "fit-score w --frames 3 --weights f --workers 2 --out s.json",
-    "perceive w i.png --camera c.json --depth-scale 0.1 --camera-id 3 --depth-is range --camera-pose p.txt --sigma 1e-4 "
-    "--roi -1 -1 0 1 1 1 --weights f --seed 1 --json --out o",
+    "perceive w i.png --camera c.json --depth-scale 0.1 --camera-id 3 --depth-is range --camera-pose p.txt "
+    "--sigma 1e-4 --roi -1 -1 0 1 1 1 --weights f --seed 1 --json --out o",
     "perceive w i.npy --fx 1 --fy 1 --cx 1 --cy 1 --unit mm --bin b.yaml",
     "benchmark perception a b --frames 3 --ppf-frames 2 --methods ps6d ps6d_refined --ablations --stages "
     "--weights-folder a --variants-folder b --workers 2 --out o --resume --json",
@@ -249,7 +249,8 @@ def test_bash_completes(line: str, offered: set[str], tmp_path: Path, capsys: py
     assert cli.main(["completion", "bash"]) == 0
     (tmp_path / "script").write_text(capsys.readouterr().out)
     ask = (
-        f"source {tmp_path / 'script'}; COMP_LINE={line!r}; COMP_POINT=${{#COMP_LINE}}; read -ra COMP_WORDS <<< {line!r}; "
+        f"source {tmp_path / 'script'}; COMP_LINE={line!r}; COMP_POINT=${{#COMP_LINE}}; "
+        f"read -ra COMP_WORDS <<< {line!r}; "
         f"[[ {line!r} == *' ' ]] && COMP_WORDS+=(''); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); "
         "f=$(complete -p pickproof | sed -E 's/.*-F ([^ ]+).*/\\1/'); $f; printf '%s\\n' \"${COMPREPLY[@]}\""
     )

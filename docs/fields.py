@@ -58,7 +58,7 @@ def _type(kind: Any) -> str:
     if origin is list or (origin is tuple and args[-1] is Ellipsis):
         return f"list of {_type(args[0])}"
     if origin is tuple:
-        return f"[{', '.join(_type(a) for a in args)}]" if len(set(args)) > 1 else f"{len(args)} × {_type(args[0])}"
+        return f"[{', '.join(map(_type, args))}]" if len(set(args)) > 1 else f"{len(args)} x {_type(args[0])}"
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return f"fields of `{kind.__name__}`"
     return PLAIN.get(kind, "text")

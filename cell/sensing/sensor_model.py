@@ -1,8 +1,8 @@
 """The sensor model: what turns an exact render into the depth image that a camera of some class would measure.
 
 Both classes triangulate, between a projector and the camera or between two cameras, so both have noise that grows with
-depth squared, a shadow beside every step, and holes where too little or too much light comes back. docs/sensor.md says
-where the numbers are from.
+depth squared, a shadow beside every step, and holes where too little or too much light comes back.
+docs/explanation/sensor.md says where the numbers are from.
 """
 
 from __future__ import annotations

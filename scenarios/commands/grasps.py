@@ -190,7 +190,7 @@ def _sample(args: argparse.Namespace) -> int:
     if not points:
         raise InputError("command line", "workpiece", workpiece.name, f"one that {gripper.name} can hold")
     how = f"{workpiece.name} --gripper {gripper.name} --count {args.count} --seed {args.seed} --least {args.least:g}"
-    comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/grasping.md."
+    comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/reference/grasps-file.md."
     return _write(table_text(points, gripper.name, comment), args.out)
 
 

@@ -88,7 +88,7 @@ class CameraConfig(Config):
 
 
 class PhysicsConfig(Config):
-    """Settings of the physics (docs/cell.md says why these)."""
+    """Settings of the physics (docs/explanation/physics.md says why these)."""
 
     timestep: float = Field(default=1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
     solver_iterations: int = Field(default=50, ge=1, le=500)

@@ -1,4 +1,4 @@
-"""What is written down of an attempt and of an episode; definitions in docs/scenarios.md."""
+"""What is written down of an attempt and of an episode; definitions in docs/reference/definitions.md."""
 
 from __future__ import annotations
 

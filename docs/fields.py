@@ -27,7 +27,7 @@ PLAIN = {float: "number", int: "integer", str: "text", bool: "true or false", ty
 def table(model: type[BaseModel]) -> str:
     """The Markdown table of a model's fields: name, type and limits, default, meaning."""
     rows = [
-        f"| `{name}` | {_kind(field)} | {_default(field)} | {_cell(field.description or '')} |"
+        f"| `{name}` | {_kind(field)} | {_default(field)} | {_cell(_meaning(field))} |"
         for name, field in model.model_fields.items()
     ]
     return "\n".join(["| field | type and limits | default | meaning |", "|---|---|---|---|", *rows])
@@ -38,9 +38,19 @@ def _cell(text: str) -> str:
 
 
 def _kind(field: FieldInfo) -> str:
-    limits = [f"{sign} {getattr(m, key):g}" for m in field.metadata for key, sign in SIGNS.items() if hasattr(m, key)]
+    found = {key: getattr(m, key) for m in field.metadata for key in SIGNS if hasattr(m, key)}
+    if "gt" in found:  # the stricter of two lower limits
+        found.pop("ge", None)
+    limits = [f"{SIGNS[key]} {value:g}" for key, value in found.items()]
     limits += [f"at least {m.min_length} entries" for m in field.metadata if hasattr(m, "min_length") and _many(field)]
     return _cell(", ".join([_type(field.annotation), *limits]))
+
+
+def _meaning(field: FieldInfo) -> str:
+    kind = field.annotation
+    if field.description or not (isinstance(kind, type) and issubclass(kind, BaseModel)):
+        return field.description or ""
+    return (kind.__doc__ or "").split(". ")[0].split("; ")[0].strip().rstrip(".")  # of the model's docstring
 
 
 def _many(field: FieldInfo) -> bool:

@@ -46,7 +46,7 @@ class SensorConfig(Config):
     defaults below are those of `structured_light`.
     """
 
-    enabled: bool = True
+    enabled: bool = Field(True, description="false gives the exact render")
     preset: str = Field("structured_light", description="camera class")
     axial_sigma: Sigma = Field(1.2e-4, description="[m] standard deviation at 1 m, grows with z^2")
     axial_floor: Sigma = Field(3e-5, description="[m] part that does not depend on depth")

@@ -45,8 +45,10 @@ UNIT_GIRTHS = 1.4
 class SymmetryConfig(Config):
     """d_x, d_y, d_z of the paper in [deg], 0 for none; `infinite_below` is T_s."""
 
-    degrees: Triple = (0.0, 0.0, 0.0)
-    infinite_below: float = Field(15.0, gt=0)
+    degrees: Triple = Field(
+        (0.0, 0.0, 0.0), description="[deg] smallest turns about x, y, z that change nothing, 0 for none"
+    )
+    infinite_below: float = Field(15.0, gt=0, description="[deg] T_s of the paper: a finer turn counts as any turn")
 
 
 class HeapConfig(Config):
@@ -60,21 +62,23 @@ class HeapConfig(Config):
 class WorkpieceConfig(Config):
     """Schema of workpiece.yaml."""
 
-    name: str
-    paper_row: str = ""
-    mesh: str
-    mesh_unit: Literal["m", "cm", "mm"]
-    material: str
+    name: str = Field(description="that of the folder")
+    paper_row: str = Field("", description="row of the paper with this envelope and symmetry")
+    mesh: str = Field(description="STL, OBJ, PLY or GLB file beside this one")
+    mesh_unit: Literal["m", "cm", "mm"] = Field(description="of the lengths in the mesh")
+    material: str = Field(description="for the reader")
     density: float = Field(gt=10, lt=30000, description="[kg/m3]")
-    friction: float = Field(gt=0, le=2)
+    friction: float = Field(
+        gt=0, le=2, description="coefficient of the surface; a contact has the geometric mean of two"
+    )
     rolling_friction: Fine = Field(0.0, description="[m] lever of what resists rolling, as of teeth")
     magnetic: bool = Field(False, description="a magnet holds it, as steel and cast iron")
-    optics: Optics = Optics()
-    symmetry: SymmetryConfig = SymmetryConfig()
-    collision_boxes: tuple[CollisionBox, ...] = ()
-    collision_cylinders: tuple[CollisionCylinder, ...] = ()
+    optics: Optics = Field(Optics(), description="how the surface returns light")
+    symmetry: SymmetryConfig = Field(SymmetryConfig(), description="rotations that change nothing")
+    collision_boxes: tuple[CollisionBox, ...] = Field((), description="solid boxes of the physics")
+    collision_cylinders: tuple[CollisionCylinder, ...] = Field((), description="solid cylinders of the physics")
     collision_hulls: str | None = Field(None, description="OBJ file in mesh_unit; its objects are convex pieces")
-    heap: HeapConfig
+    heap: HeapConfig = Field(description="heaps of training and evaluation")
     tolerance: Fine = Field(0.005, gt=0, description="T_e of the paper in [m]")
 
 

@@ -1,7 +1,7 @@
 """Everything after the network: votes to verified poses.
 
 Takes a depth frame, the workpiece and its votes; gives a `RefineResult`: the poses of the clustering as they are (the
-paper's result) and the poses that ICP and verification leave. docs/perception-refinement.md has the steps in a table.
+paper's result) and the poses that ICP and verification leave. docs/explanation/refinement.md has the steps in a table.
 """
 
 from __future__ import annotations

@@ -159,7 +159,7 @@ def _equip(asked: Onboarding, part: Part, folder: Path, begun: float, say: Say) 
     held = find_grasps(workpiece, part.heap, say)
     fields, reasons = scenario_fields(workpiece, held, part.heap)
     if held.gripper is not None:
-        comment = f"Proposed by `pickproof onboard` for {held.gripper.name}; schema: docs/grasping.md."
+        comment = f"Proposed by `pickproof onboard` for {held.gripper.name}; schema: docs/reference/grasps-file.md."
         text = table_text(list(held.points), held.gripper.name, comment)
         (folder / "grasps.yaml").write_text(text, encoding="utf-8")
     if fields:

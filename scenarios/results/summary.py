@@ -22,7 +22,7 @@ FILE = "summary.json"
 
 
 def summarise(store: Store, attempts: Sequence[AttemptRecord] | None = None) -> dict[str, Any]:
-    """The summary of a results file, with the keys of docs/scenarios.md.
+    """The summary of a results file, with the keys of docs/reference/files.md.
 
     Rates count attempts, finished episodes or not; clearance and ends count finished episodes. Mean times are over
     attempts that were carried out. `reasons` holds the no-picks too.

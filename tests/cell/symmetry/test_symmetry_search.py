@@ -12,6 +12,8 @@ from pickproof.cell.symmetry.symmetry_search import check_degrees, find_symmetry
 from pickproof.cell.workpiece.workpiece import SHIPPED, load_workpiece
 from tests.cell.workpiece.part_shapes import Shape, shapes
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 4e-4
 ALL = list(shapes())
 

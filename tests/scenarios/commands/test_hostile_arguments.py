@@ -14,6 +14,8 @@ from pickproof.scenarios.commands.arguments import file_to_write, folder_to_writ
 from pickproof.scenarios.files.atomic import write_whole
 from tests.fuzzing.arguments import check, furnish
 
+pytestmark = pytest.mark.slow
+
 REFUSED = (
     "train bracket --minutes nan",
     "train bracket --minutes -1",

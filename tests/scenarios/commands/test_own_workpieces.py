@@ -13,6 +13,8 @@ from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.config.scenario import SHIPPED as SCENARIOS
 from pickproof.scenarios.config.scenario import load_scenario
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def mine(tmp_path):

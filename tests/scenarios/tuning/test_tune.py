@@ -44,6 +44,8 @@ from pickproof.scenarios.tuning.search_space import (
 )
 from tests.scenarios import planted_episode, planted_tune
 
+pytestmark = pytest.mark.slow
+
 TABLE = SHIPPED / "workpieces" / "bracket" / "grasps.yaml"
 POINTS = {p.name: p for p in read_table(TABLE).grasps}
 JAW = load_gripper("jaw_v1")

@@ -70,6 +70,7 @@ class TrialCell:
         self._build()
 
     def close(self) -> None:
+        """Close the physics."""
         self.world.close()
 
     def resting_poses(self) -> Array:

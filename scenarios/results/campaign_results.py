@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from pickproof.cell.errors import InputError
+from pickproof.scenarios.results.columns import columns_of
 from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
 from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.results.summary import summarise
@@ -17,9 +18,8 @@ from pickproof.scenarios.results.summary import summarise
 if TYPE_CHECKING:
     import pandas
 
-NESTED = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints", "pictures")
-"""What of an attempt is more than one value."""
-FLAT = tuple(f.name for f in fields(AttemptRecord) if f.name not in NESTED)
+FLAT = tuple(c.name for c in columns_of(AttemptRecord) if c.kind is not None)
+"""What of an attempt is a single value."""
 
 
 @dataclass(frozen=True)

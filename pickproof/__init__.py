@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pickproof.cell.errors import InputError, PickproofError
     from pickproof.scenarios.campaign.campaign import run_campaign
     from pickproof.scenarios.campaign.library import Campaign
+    from pickproof.scenarios.campaign.request import CampaignRequest
     from pickproof.scenarios.comparison.compare import Comparison, compare
     from pickproof.scenarios.config.scenario import Scenario, load_scenario
     from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord, Reason
@@ -32,6 +33,7 @@ use_portable_kernels()  # before any module of the project loads numpy
 __all__ = [
     "AttemptRecord",
     "Campaign",
+    "CampaignRequest",
     "Comparison",
     "EpisodeRecord",
     "InputError",
@@ -46,6 +48,7 @@ __all__ = [
 _MODULES = {
     "AttemptRecord": "scenarios.results.records",
     "Campaign": "scenarios.campaign.library",
+    "CampaignRequest": "scenarios.campaign.request",
     "Comparison": "scenarios.comparison.compare",
     "EpisodeRecord": "scenarios.results.records",
     "InputError": "cell.errors",

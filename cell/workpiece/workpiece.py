@@ -149,6 +149,7 @@ class Workpiece:
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
+        """The CAD mesh in the CAD frame [m]."""
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
     @cached_property

@@ -25,10 +25,12 @@ class JointPath:
 
     @cached_property
     def start(self) -> Array:
+        """q (6,) [rad] at s = 0."""
         return np.asarray(self.spline(0.0))
 
     @cached_property
     def end(self) -> Array:
+        """q (6,) [rad] at s = 1."""
         return np.asarray(self.spline(1.0))
 
     @cached_property
@@ -62,6 +64,7 @@ class JointSegment:
 
     @property
     def duration(self) -> float:
+        """[s] from start to end."""
         return float(self.profile.duration)
 
     @cached_property
@@ -99,6 +102,7 @@ class PathSegment:
 
     @property
     def duration(self) -> float:
+        """[s] from start to end."""
         return float(self.profile.duration)
 
     def at(self, times: Array) -> tuple[Array, Array]:

@@ -54,6 +54,7 @@ class PickPlan:
 
     @property
     def trajectories(self) -> tuple[Trajectory, Trajectory, Trajectory, Trajectory]:
+        """The four motions in order of time."""
         return self.approach, self.lift, self.carry, self.leave
 
     @property

@@ -86,6 +86,7 @@ class TrialCell:
         self._build()
 
     def close(self) -> None:
+        """Close the physics."""
         self.world.close()
 
     def resting_poses(self) -> Array:

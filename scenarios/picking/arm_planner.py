@@ -44,6 +44,7 @@ class ArmPlanner:
         self.planned = 0
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        """The pick of a candidate, or where planning ended."""
         cell, opening = self._cell, candidate.opening
         if opening not in self._scenes:
             self._scenes[opening] = self._scene(opening)

@@ -137,6 +137,7 @@ def test_what_is_shipped_is_in_metres() -> None:
     SensorConfig.of_preset("stereo")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text", ["a: 2023-02-30", "a: " + "[" * 4000, "{[1]: 2}", "a: &x [*x]\nb: {<<: *x}", "a: \x00", "? {a: 1}\n: 2"]
 )

@@ -206,6 +206,7 @@ def test_shipped_pads_meet_material_on_both_sides(name: str) -> None:
             assert area > 25e-6, f"{grasp.name}: {1e6 * area:.1f} mm2 under pad {side} at\n{T}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TABLES)
 def test_shipped_grasps_leave_the_workpiece_room(name: str) -> None:
     """No finger and no gripper body goes more than 0.1 mm into the CAD, open on the way in and closed on it.

@@ -77,6 +77,7 @@ def test_both_casters_render_the_same(bracket: Workpiece, monkeypatch: pytest.Mo
     assert np.quantile(np.abs(a.reflected[both] - b.reflected[both]), 0.999) < 1e-4
 
 
+@pytest.mark.slow
 def test_training_runs_without_open3d_and_pybullet(tmp_path: Path) -> None:
     """With a stored heap; the two are blocked in a process of their own."""
     rng = np.random.default_rng(0)

@@ -13,6 +13,8 @@ from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.scenarios.config.shipped import WORKPIECES
 from tests.cell.workpiece.part_shapes import Shape, shapes
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 4e-4
 ALL = list(shapes())
 

@@ -98,6 +98,7 @@ def test_size_and_mass(workpiece: Workpiece) -> None:
     print(f"{workpiece.name}: {workpiece.mass:.3f} kg, {len(workpiece.faces)} faces, {len(workpiece.pieces)} pieces")
 
 
+@pytest.mark.slow
 @every_workpiece
 def test_make_cad_reproduces_the_committed_mesh(workpiece: Workpiece) -> None:
     made = built(workpiece)

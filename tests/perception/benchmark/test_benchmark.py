@@ -29,6 +29,8 @@ from pickproof.perception.ps6d.weights import save_weights, weights_path
 from pickproof.scenarios.commands.cli import main
 from tests.perception.small_heaps import bracket, fill_folder, small_heaps
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

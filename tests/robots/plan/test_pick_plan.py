@@ -20,6 +20,8 @@ from pickproof.robots.plan.pick_stops import UP
 from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, changed, request_at, share_of_limits, tilted
 from tests.robots.motion.test_trajectory import assert_at_rest, assert_keeps_limits
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = OFF_LINE + 0.1e-3  # [m]
 WALL = Box("wall", (0.5, 0.006, 0.45), make_transform(t=(0.4, -0.2, 0.225)))
 
@@ -84,6 +86,7 @@ def off_line(points: Array, way: Array, length: float) -> float:
     return float(np.linalg.norm(near - (near @ way)[:, None] * way, axis=1).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("x", "y", "R"), [(0.45, 0.0, DOWN), (0.42, 0.03, tilted(20, 60, 30)), (0.47, -0.02, tilted(20, 200, 100))]
 )

@@ -13,6 +13,8 @@ from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.results.summary import summarise
 from tests.scenarios.fake_episode import run_episode
 
+pytestmark = pytest.mark.slow
+
 
 def campaign(out, episodes=2, workers=1, gripper="jaw_v1", count=6, on_event=lambda event: None, **options):
     request = CampaignRequest(

@@ -14,6 +14,8 @@ from pickproof.scenarios.config.scenario import SHIPPED as SCENARIOS
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.config.shipped import WORKPIECES
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def mine(tmp_path):

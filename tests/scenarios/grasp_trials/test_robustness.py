@@ -28,6 +28,8 @@ from pickproof.scenarios.grasp_trials.robustness import (
 )
 from pickproof.scenarios.grasp_trials.robustness_report import plot_robustness, robustness_table
 
+pytestmark = pytest.mark.slow
+
 
 def grasp(held: np.ndarray, reasons: tuple[str, ...] = ("",) * 6) -> Robustness:
     return Robustness("edge", 0, "", held, reasons, ("closing", "across", "approach") * 2)

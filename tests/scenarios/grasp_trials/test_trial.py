@@ -23,6 +23,8 @@ from pickproof.scenarios.grasp_trials.check import (
 )
 from pickproof.scenarios.grasp_trials.trial import FAR, SHIFT, TURN, TrialCell, pose_errors
 
+pytestmark = pytest.mark.slow
+
 BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
 
 

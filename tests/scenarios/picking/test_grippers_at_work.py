@@ -29,6 +29,8 @@ from pickproof.scenarios.picking.stages import Evidence
 from pickproof.scenarios.placing.heap_placing import PlacePlan
 from tests.cell.workpiece.solids import block, drilled
 
+pytestmark = pytest.mark.slow
+
 SOURCE_BIN = Bin(SOURCE, (0.26, 0.20, 0.06), 0.006, (0.45, 0.0, 0.01))
 PLACE_BIN = Bin(PLACE, (0.30, 0.24, 0.06), 0.006, (0.20, -0.42, 0.01))
 OBSTACLES = [table((1.6, 1.6, 0.04), (0.3, 0.0, 0.0)), *SOURCE_BIN.boxes(), *PLACE_BIN.boxes()]

@@ -23,6 +23,8 @@ from pickproof.scenarios.picking.stages import Estimates
 from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import Reason
 
+pytestmark = pytest.mark.slow
+
 YAW = 0.6
 
 

@@ -36,6 +36,8 @@ from pickproof.scenarios.tuning.run import Result, run_plan
 from pickproof.scenarios.tuning.scenario_fields import parse_field, with_fields
 from tests.scenarios import planted_episode, planted_tune
 
+pytestmark = pytest.mark.slow
+
 TABLE = SHIPPED / "workpieces" / "bracket" / "grasps.yaml"
 POINTS = {p.name: p for p in read_table(TABLE).grasps}
 JAW = load_gripper("jaw_v1")

@@ -59,7 +59,7 @@ class Decisions:
     threshold: float = 0.5
 
 
-FITTED = Decisions(
+ALONE = Decisions(
     DecisionModel.of(
         2.16, {"violations": -27.71, "log_area": 0.49, "beside": -51.04, "residual": -1.23, "outside": -34.95}
     ),
@@ -82,3 +82,7 @@ def features_of(evidence: Evidence, outside: Array, near: NearMisses, tolerance:
     """Inputs (h, len(FEATURES)) of the models; `outside` (h,) as in `outside.outside`."""
     own = np.stack([outside, near.shallow, near.misfit], axis=1)
     return np.concatenate([evidence.features(tolerance), own], axis=1)
+
+
+WITH_NETWORK = ALONE
+"""Where a network votes too."""

@@ -26,12 +26,14 @@ from pickproof.perception.refinement.verify import Evidence, _support, examine, 
 from pickproof.perception.search.cad_table import CadTable, frames_of
 from pickproof.perception.search.config import SearchConfig
 from pickproof.perception.search.coverage import kept_by_points, poses_at
-from pickproof.perception.search.decision import FITTED, Decisions, features_of
+from pickproof.perception.search.decision import ALONE, Decisions, features_of
 from pickproof.perception.search.kernel import best_poses
 from pickproof.perception.search.near_misses import NearMisses
 from pickproof.perception.search.outside import outside
 from pickproof.perception.search.poses import Poses, turned_alike
+from pickproof.perception.search.proposals import Proposals
 from pickproof.perception.search.seeds import SeedPixels, Seeds
+from pickproof.perception.search.slide import slid
 from pickproof.perception.search.stage_clock import StageClock
 
 COARSE_ALONE = tuple(replace(stage, by_votes=False) for stage in COARSE)
@@ -55,12 +57,14 @@ class Scene:
         frame: as measured; bin: None where none is known.
         surface: the same, normalised.
         points: where it is asked which poses lie there.
+        votes: of a network; None without one.
     """
 
     frame: DepthFrame
     bin: Bin | None
     surface: SurfaceMap
     points: Seeds
+    votes: Votes | None
 
 
 @dataclass(frozen=True)
@@ -71,27 +75,44 @@ class Search:
     shape: ShapeModel
     table: CadTable
     config: SearchConfig
-    decisions: Decisions = FITTED
+    decisions: Decisions = ALONE
 
     @staticmethod
-    def of(workpiece: Workpiece, config: SearchConfig | None = None) -> Search:
+    def of(workpiece: Workpiece, config: SearchConfig | None = None, decisions: Decisions = ALONE) -> Search:
         """Ready to search (some seconds)."""
         config = config or SearchConfig.model_validate({})
-        return Search(workpiece, ShapeModel.of(workpiece), CadTable.of(workpiece, config), config)
+        return Search(workpiece, ShapeModel.of(workpiece), CadTable.of(workpiece, config), config, decisions)
 
     @torch.inference_mode()
-    def find(self, frame: DepthFrame, region: np.ndarray, bin: Bin | None, rng: np.random.Generator) -> RefineResult:
-        """Verified poses in the pixels `region` (h, w) bool; `rng` chooses the seeds."""
+    def find(
+        self,
+        frame: DepthFrame,
+        region: np.ndarray,
+        bin: Bin | None,
+        rng: np.random.Generator,
+        network: Proposals | None = None,
+    ) -> RefineResult:
+        """Verified poses in the pixels `region` (h, w) bool; `rng` chooses the seeds.
+
+        Args:
+            network: what a network says of the frame; its poses are looked at beside those of the search.
+        """
         clock = StageClock()
-        surface = SurfaceMap.of(frame, self.shape.unit, frame.sigma, region)
+        sigma = frame.sigma if self.config.depth_sigma is None else self.config.depth_sigma
+        surface = SurfaceMap.of(frame, self.shape.unit, sigma, region)
         pixels = SeedPixels(surface)
         points = pixels.one_a_voxel(self.config.vote_voxel, rng)
-        scene = Scene(frame, bin, surface, points)
+        votes = None if network is None else network.votes.finite()
+        scene = Scene(frame, bin, surface, points, votes)
         clock.lap("surface")
         found = self._poses_at_seeds(pixels, surface, rng)
         clock.lap("search")
         coarse = self._registered_coarsely(found, scene)
         clock.lap("coarse")
+        if network is not None:
+            proposed = network.poses(surface, self.shape, SCORE_POINTS, COARSE_TOLERANCE * self.shape.fineness)
+            coarse = self._plausible(coarse.join(proposed))
+            clock.lap("hypotheses")
         fine = self._registered_finely(coarse, scene)
         clock.lap("icp")
         result = self._decided(self._looked_at_roughly(fine, scene), scene)
@@ -122,7 +143,10 @@ class Search:
         poses = poses.distinct(shape, self.config.apart, self.config.most_coarse)
         R, t = register(poses.rotations, poses.positions, scene.surface, shape, COARSE_ALONE)
         scores = soft_score(R, t, scene.surface, shape, SCORE_POINTS, COARSE_TOLERANCE * shape.fineness).numpy()
-        poses = Poses(R, t, scores).distinct(shape, COARSE_APART)
+        return self._plausible(Poses(R, t, scores))
+
+    def _plausible(self, poses: Poses) -> Poses:
+        poses = poses.distinct(self.shape, COARSE_APART)
         return poses.select(np.flatnonzero(poses.scores > LEAST_COARSE))
 
     def _registered_finely(self, poses: Poses, scene: Scene) -> Poses:
@@ -138,7 +162,7 @@ class Search:
         R, t = register(poses.rotations, poses.positions, surface, shape, FINE)
         tolerance = max(FINE_TOLERANCE, FINE_SIGMAS * surface.sigma) * shape.fineness
         scores = soft_score(R, t, surface, shape, SCORE_POINTS, tolerance).numpy()
-        return Poses(R, t, scores).distinct(shape, FINE_APART)
+        return slid(Poses(R, t, scores), surface, shape, 2 * SCORE_POINTS, tolerance).distinct(shape, FINE_APART)
 
     def _looked_at_roughly(self, poses: Poses, scene: Scene) -> Poses:
         """Plausible poses in the order of the decision, those that some point keeps."""
@@ -157,7 +181,7 @@ class Search:
     def _examined(self, poses: Poses, scene: Scene, every: int = 1) -> tuple[Evidence, Array, Array]:
         """Evidence, features and log odds of the order."""
         R, t, rules = poses.rotations, poses.positions, self.config.verify
-        evidence = examine(R, t, scene.surface, self.shape, rules, every=every)
+        evidence = examine(R, t, scene.surface, self.shape, rules, scene.votes, every)
         beyond = outside(R, t, self.shape, scene.frame, scene.bin, 5 if every == 1 else 10)
         tolerance = inlier_tolerance(scene.surface, rules)
         near = NearMisses.of(poses, scene.surface, self.shape, tolerance)
@@ -176,25 +200,26 @@ class Search:
         R, t = poses.rotations, poses.positions
         shared, overlap = rivalry(R, t, scene.surface, shape, rules)
         standing = np.asarray(suppress(np.arange(len(poses)), shared, overlap, rules), dtype=np.int64)
-        at = poses_at(scene.points, poses, shape, CLAIM_REACH * self.config.reach, 1)[:, 0]
-        have = at >= 0
         R64, t64 = R.numpy().astype(np.float64), t.numpy().astype(np.float64)
-        votes = Votes(scene.points.points[have].astype(np.float64), t64[at[have]], R64[at[have]])
-        tolerance = inlier_tolerance(scene.surface, rules)
-        support = _support(R[standing], t[standing], shape, 2 * tolerance, votes)
         x = features.copy()
-        x[standing, 8], x[standing, 9], x[standing, 10] = np.log1p(2 * support[0]), support[1], support[2]
+        if scene.votes is None:
+            at = poses_at(scene.points, poses, shape, CLAIM_REACH * self.config.reach, 1)[:, 0]
+            have = at >= 0
+            votes = Votes(scene.points.points[have].astype(np.float64), t64[at[have]], R64[at[have]])
+            tolerance = inlier_tolerance(scene.surface, rules)
+            support = _support(R[standing], t[standing], shape, 2 * tolerance, votes)
+            x[standing, 8], x[standing, 9], x[standing, 10] = np.log1p(support[0]), support[1], support[2]
         scores = self.decisions.acceptance.score(x)
         Ts = make_transform(nearest_rotations(R64), t64 * shape.unit)
         good = standing[
-            (scores[standing] >= self.decisions.threshold)
+            (scores[standing] >= (self.decisions.threshold if rules.min_score is None else rules.min_score))
             & (evidence.ratio[standing] >= rules.min_ratio)
             & (evidence.inliers[standing] >= rules.min_visible)
         ]
         good = good[np.argsort(-scores[good], kind="stable")]
         estimates = [
             PoseEstimate(Ts[i].copy(), float(scores[i]), float(evidence.inliers[i]),
-                float(evidence.residual[i] * shape.unit), int(np.expm1(x[i, 8]) / 2))
+                float(evidence.residual[i] * shape.unit), round(float(np.expm1(x[i, 8]))))
             for i in good
         ]
         return RefineResult(estimates, [], {}, Examined(Ts, x, scores, standing))

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from pickproof.cell.config import Config, Sigma
 from pickproof.cell.workpiece.workpiece import Workpiece
-from pickproof.perception.refinement.verify import VerifyConfig
+from pickproof.perception.refinement.config import VerifyConfig
 
 
 class SearchConfig(Config):

@@ -12,7 +12,6 @@ from torch import Tensor
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.perception.cad.shape_model import ShapeModel
 
-Floats = np.ndarray
 _GENERIC = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 """A rotation near no symmetry axis, to which equal poses are turned."""
 
@@ -47,7 +46,11 @@ class Poses:
         )
 
     def distinct(self, shape: ShapeModel, apart: float, most: int | None = None) -> Poses:
-        """Best score first, those that no better one is nearer to than `apart`, in units; `most` at most.
+        """Best score first, those that no better one is nearer to than `apart`, in units; `most` at most."""
+        return self.select(self.distinct_index(shape, apart, most))
+
+    def distinct_index(self, shape: ShapeModel, apart: float, most: int | None = None) -> np.ndarray:
+        """Indices of `distinct`.
 
         The distance of two poses is that of `ShapeModel.embed`, with the offset of their positions beside.
         """
@@ -55,7 +58,7 @@ class Poses:
         order = np.argsort(-self.scores, kind="stable")
         limit = len(order) if most is None else most
         kept = _first_of_each(places[order].astype(np.float32), np.float32(apart**2), limit)
-        return self.select(order[kept])
+        return np.asarray(order[kept])
 
 
 def turned_alike(rotations: np.ndarray, symmetry: Symmetry) -> np.ndarray:

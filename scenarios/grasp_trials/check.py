@@ -14,7 +14,7 @@ from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.workpiece.resting_poses import resting_poses
 from pickproof.cell.workpiece.workpiece import Workpiece
-from pickproof.grasping.candidates import GraspCandidate, select
+from pickproof.grasping.candidates import GraspCandidate, PartEstimates, PickScene, select
 from pickproof.grasping.grasp_points import GraspPoint, expand
 from pickproof.grasping.ranking import GraspingConfig
 from pickproof.scenarios.grasp_trials.trial import FREE, TrialCell, robust_share
@@ -100,9 +100,8 @@ def candidates_of(
 ) -> list[GraspCandidate] | str:
     """The poses of one grasp point with room on a workpiece that lies alone, best first; else as `best_candidate`."""
     poses = expand((point,), workpiece)
-    one = select(
-        T_world_part[None], np.ones(1), np.zeros(1, bool), poses, workpiece, gripper, FREE, NOTHING, GraspingConfig()
-    )
+    scene = PickScene(workpiece, gripper, FREE, NOTHING)
+    one = select(PartEstimates(T_world_part[None], np.ones(1)), poses, scene, GraspingConfig())
     if one.candidates:
         return one.candidates
     counts = one.ruled_out[0][point.name]

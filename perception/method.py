@@ -1,4 +1,4 @@
-"""The ways in which poses are found, chosen in one place: `perception.method` of a scenario, `--method` of a command."""
+"""The ways in which poses are found: `perception.method` of a scenario, `--method` of a command."""
 
 from __future__ import annotations
 

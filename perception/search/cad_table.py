@@ -96,8 +96,8 @@ def frames_of(normals: Array) -> np.ndarray:
 def octahedral_map(views: Array, size: int = OCTAHEDRON) -> np.ndarray:
     """(size, size) int16: index of the view (w, 3) nearest to the direction of each cell.
 
-    A direction d is scaled to |x| + |y| + |z| = 1; its cell is that of (x, y), the lower half folded outward (octahedral
-    map, Meyer et al. 2010).
+    A direction d is scaled to |x| + |y| + |z| = 1; its cell is that of (x, y), the lower half folded outward
+    (octahedral map, Meyer et al. 2010).
     """
     axis = (np.arange(size) + 0.5) / size * 2 - 1
     x, y = np.meshgrid(axis, axis, indexing="ij")

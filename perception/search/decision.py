@@ -13,9 +13,9 @@ import numpy as np
 from scipy.special import expit
 
 from pickproof.cell.frames import Array
+from pickproof.perception.refinement.evidence import Evidence
 from pickproof.perception.refinement.score_model import FEATURES as VERIFIED
 from pickproof.perception.refinement.score_model import SIGNS as VERIFIED_SIGNS
-from pickproof.perception.refinement.evidence import Evidence
 from pickproof.perception.search.near_misses import NearMisses
 
 FEATURES = (*VERIFIED, "outside", "shallow", "misfit")

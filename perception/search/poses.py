@@ -54,7 +54,8 @@ class Poses:
 
         The distance of two poses is that of `ShapeModel.embed`, with the offset of their positions beside.
         """
-        places = np.concatenate([self.positions.numpy(), shape.embed(self.rotations.numpy().astype(np.float64))], axis=1)
+        turned = shape.embed(self.rotations.numpy().astype(np.float64))
+        places = np.concatenate([self.positions.numpy(), turned], axis=1)
         order = np.argsort(-self.scores, kind="stable")
         limit = len(order) if most is None else most
         kept = _first_of_each(places[order].astype(np.float32), np.float32(apart**2), limit)

@@ -9,6 +9,7 @@ from typing import Self
 
 from pickproof.cell.errors import InputError, did_you_mean
 from pickproof.scenarios.campaign.campaign import run_campaign
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.config.oracles import ORACLES
 from pickproof.scenarios.config.scenario import Scenario, load_scenario, weights_used
 from pickproof.scenarios.files.atomic import free_folder
@@ -63,19 +64,20 @@ class Campaign(CampaignResults):
         first = scenario.seed if seed is None else seed
         folder = free_folder(Path("out") / f"{scenario.name}-{first}") if out is None else Path(out)
         check_inputs(scenario, stages)
-        run_campaign(
-            scenario.model_copy(update={"seed": first}),
+        request = CampaignRequest(
+            scenario=scenario.model_copy(update={"seed": first}),
             episodes=episodes,
             seed=first,
-            workers=workers,
-            oracle=stages,
             out=folder,
             runner=run_episode,
+            workers=workers,
+            oracle=stages,
             weights_hash=weights_used(scenario, stages),
             command="Campaign.run",
             resume=resume,
             keep=Keep(folder, keep),
         )
+        run_campaign(request)
         campaign = cls(folder)
         write_summary(folder, campaign.summary)
         return campaign

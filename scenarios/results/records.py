@@ -75,7 +75,7 @@ def _conversions(record: type) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Field -> what makes a plain number or nested tuples of its value."""
     numbers = [(c.name, c.kind) for c in columns_of(record) if c.kind in (int, bool, float)]
     matrices = [(c.name, nested) for c in columns_of(record) if c.hint == Rows]
-    return (*numbers, *matrices)  # type: ignore[return-value]
+    return (*numbers, *matrices)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ CLEARANCE_WANTED = 0.9
 
 
 def summarise(store: Store, attempts: Sequence[AttemptRecord] | None = None) -> dict[str, Any]:
-    """The summary of a results file, with the keys of docs/scenarios.md.
+    """The summary of a results file, with the keys of docs/reference/files.md.
 
     Rates count attempts, finished episodes or not; clearance, parts left and ends count finished episodes. Mean times
     are over attempts that were carried out; `picks_per_hour` counts the time of no-picks too. `reasons` holds the

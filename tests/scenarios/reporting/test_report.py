@@ -62,6 +62,7 @@ def test_page_is_whole_and_self_contained(tmp_path):
     assert path.stat().st_size < 12_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_the_page_draws_its_figures_and_fetches_nothing(tmp_path):
     path = write_report(filled(tmp_path / "run"))

@@ -48,7 +48,7 @@ class Frame:
     Attributes:
         seed: of the heap.
         seen: what was measured, what is true, what was found.
-        raw, refined: scores of the paper's poses and of the verified ones.
+        raw, fitted, refined: scores of the paper's poses, of those by all votes and of the verified ones.
         instances: each true instance and the verified pose nearest to it.
         pictured: what the overlay draws.
         standing_right: (s,) bool, which of the poses without a better rival are right.
@@ -58,6 +58,7 @@ class Frame:
     seed: int
     seen: HeapFrame
     raw: FrameScore
+    fitted: FrameScore | None
     refined: FrameScore
     instances: Instances
     pictured: Pictured
@@ -71,9 +72,13 @@ def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: in
     for i, heap in enumerate(seen):
         truth, found = heap.Ts_camera_part, heap.Ts_estimated
         counted = visible_instances(heap.pixels)
-        raw, refined = (
-            score_frame(poses, truth, counted, workpiece, points=points) for poses in (_poses(heap.result.raw), found)
+        fitted = None if heap.result.fitted is None else _poses(heap.result.fitted)
+        raw, fitted_score, refined = (
+            None if poses is None else score_frame(poses, truth, counted, workpiece, points=points)
+            for poses in (_poses(heap.result.raw), fitted, found)
         )
+        assert raw is not None
+        assert refined is not None
         D = distances(found, truth, points, symmetry)
         instances = instances_of(first_seed + i, heap.visibility, counted, refined.matched, D, found, truth, symmetry)
         errors = D.min(1, initial=np.inf)
@@ -82,7 +87,7 @@ def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: in
         standing = np.zeros((0, 4, 4)) if examined is None else examined.Ts_camera_part[examined.standing]
         right = right_poses(standing, truth, points, workpiece)
         by_axis = axis_errors(found, truth, refined.matched, workpiece)
-        yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right, by_axis)
+        yield Frame(first_seed + i, heap, raw, fitted_score, refined, instances, pictured, right, by_axis)
 
 
 def _poses(estimates: list[PoseEstimate]) -> Array:
@@ -90,17 +95,21 @@ def _poses(estimates: list[PoseEstimate]) -> Array:
 
 
 def report_of(frames: list[Frame]) -> dict[str, object]:
-    """Figures of both methods as evaluation.json holds them; shares in per cent."""
+    """Figures of each method as evaluation.json holds them; shares in per cent."""
     methods: dict[str, object] = {}
     means: dict[str, float] = {}
     for frame in frames:
         for stage, t in frame.seen.result.seconds.items():
             means[stage] = means.get(stage, 0.0) + t / len(frames)
     raw_stages = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
+    fitted = [f.fitted for f in frames if f.fitted is not None]
     for name, scores, seconds in (
         ("ps6d", [f.raw for f in frames], raw_stages),
-        ("ps6d_refined", [f.refined for f in frames], means),
+        ("ps6d_fitted", fitted, raw_stages | {"fit": means.get("fit", 0.0)}),
+        ("ps6d_refined", [f.refined for f in frames], {k: v for k, v in means.items() if k != "fit"}),
     ):
+        if not scores:
+            continue
         s = summarise(scores)
         methods[name] = {
             "f1_inst": 100 * s.f1_inst,

@@ -161,7 +161,7 @@ def write_workpiece(part: Part, folder: Path) -> None:
         "camera_distance": heap.camera_distance,
     }
     fields["tolerance"] = round(min(TOLERANCE[0], TOLERANCE[1] * float(part.mesh.extents.max())), 5)
-    head = "# Written by `pickproof onboard`; lengths in [m]. docs/onboarding.md says how each value was found.\n"
+    head = "# Written by `pickproof onboard`; lengths in [m]. docs/explanation/onboarding.md says how it was found.\n"
     (folder / "workpiece.yaml").write_text(head + yaml_text(fields), encoding="utf-8")
 
 
@@ -196,7 +196,7 @@ def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) ->
 def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[str, Any], dict[str, str]]:
     """A scenario for the part, and the reasons; empty where no gripper or no arm does."""
     if held.gripper is None:
-        return {}, {"gripper": "no shipped gripper holds it; write grasps.yaml for your own (docs/grasping.md)"}
+        return {}, {"gripper": "no shipped gripper holds it; write grasps.yaml for yours (docs/reference/grasps-file.md)"}
     fields, reasons = propose_cell(workpiece, held.gripper, heap)
     if fields:
         fields = {"name": workpiece.name, "workpiece": workpiece.name, "seed": 0, **fields}

@@ -101,6 +101,7 @@ class ParallelJaw(Gripper):
 
     @property
     def max_opening(self) -> float:
+        """[m] between the fingers when the gripper is fully open."""
         return self.opens_to
 
     def finger_boxes(self, opening: float) -> list[Box]:

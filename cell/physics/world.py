@@ -82,6 +82,7 @@ class World:
 
     @property
     def time(self) -> float:
+        """[s] of simulated time since the world was made."""
         return self.steps * self.dt
 
     def close(self) -> None:

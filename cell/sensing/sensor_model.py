@@ -89,6 +89,7 @@ class SensorConfig(Config):
 
     @property
     def projector_offset(self) -> tuple[float, float, float] | None:
+        """Position of the projector in camera coordinates [m]; None where it casts no shadow."""
         return (self.baseline, 0.0, 0.0) if self.enabled and self.baseline > 0 else None
 
     def sigma_at(self, depth: Any) -> Any:

@@ -46,6 +46,7 @@ class CollisionBox(Config):
 
     @property
     def T_part_box(self) -> Array:
+        """Pose (4, 4) of the box in the CAD frame."""
         return from_rpy(self.centre, self.rpy)
 
 
@@ -59,6 +60,7 @@ class CollisionCylinder(Config):
 
     @property
     def T_part_cylinder(self) -> Array:
+        """Pose (4, 4) of the cylinder in the CAD frame; its axis is z."""
         return from_rpy(self.centre, self.rpy)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,6 @@ import numpy as np
 import trimesh
 from pydantic import Field
 
-from pickproof.cell.child_process import FOLDERS
 from pickproof.cell.config import Config, Fine, Length, Size, load
 from pickproof.cell.errors import InputError, did_you_mean
 from pickproof.cell.frames import Array
@@ -33,9 +31,9 @@ from pickproof.cell.workpiece.collision_pieces import (
     covering_boxes,
     read_hulls,
 )
+from pickproof.cell.workpiece.folders import list_workpieces, search_path, workpiece_folder
 from pickproof.cell.workpiece.optics import Optics
 
-SHIPPED = Path(__file__).resolve().parents[2] / "scenarios" / "workpieces"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 SIZES = (1e-3, 5.0)
 """[m] longest side of a part."""
@@ -151,6 +149,7 @@ class Workpiece:
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
+        """The CAD mesh in the CAD frame [m]."""
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
     @cached_property
@@ -162,23 +161,6 @@ class Workpiece:
         """Points and outward normals, each (n, 3), uniform over the surface."""
         points, face = trimesh.sample.sample_surface(self.mesh, n, seed=seed)
         return np.asarray(points), np.asarray(self.mesh.face_normals[face])
-
-
-def search_path() -> list[Path]:
-    """Folders that hold workpiece folders: those in PICKPROOF_WORKPIECES, then the shipped ones."""
-    extra = [Path(p) for p in os.environ.get(FOLDERS, "").split(os.pathsep) if p]
-    return [*extra, SHIPPED]
-
-
-def workpiece_folder(name: str) -> Path | None:
-    """The first folder of a workpiece of this name on the search path; None where there is none."""
-    return next((root / name for root in search_path() if (root / name / "workpiece.yaml").is_file()), None)
-
-
-def list_workpieces() -> list[str]:
-    """Names of all workpieces on the search path."""
-    found = {p.parent.name for folder in search_path() for p in folder.glob("*/workpiece.yaml")}
-    return sorted(found)
 
 
 def load_workpiece(name: str) -> Workpiece:
@@ -297,3 +279,15 @@ def _read_mesh(yaml_path: Path, path: Path) -> trimesh.Trimesh:
         except MeshError as error:
             raise InputError(yaml_path, "mesh", f"{path.name}: {error.found}", error.valid) from None
     return mesh
+
+
+__all__ = [
+    "HeapConfig",
+    "SymmetryConfig",
+    "Workpiece",
+    "WorkpieceConfig",
+    "list_workpieces",
+    "load_workpiece",
+    "search_path",
+    "workpiece_folder",
+]

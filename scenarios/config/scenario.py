@@ -46,6 +46,7 @@ class BinConfig(Config):
         return self
 
     def build(self, name: str) -> Bin:
+        """The bin, where it stands in the world."""
         return Bin(name, self.inner, self.wall, self.position, self.yaw)
 
 
@@ -58,6 +59,7 @@ class TableConfig(Config):
     )
 
     def build(self) -> Box:
+        """The table as a box in the world."""
         return table(self.size, self.centre_top)
 
 
@@ -80,10 +82,12 @@ class CameraConfig(Config):
 
     @property
     def intrinsics(self) -> Intrinsics:
+        """The pinhole model of the camera."""
         return Intrinsics.from_fov(self.width, self.height, float(np.deg2rad(self.fov_deg)))
 
     @property
     def T_world_camera(self) -> Array:
+        """Pose (4, 4) of the camera, which looks at `target`."""
         return look_at(np.array(self.eye), np.array(self.target))
 
 

@@ -88,10 +88,12 @@ class GraspDocument:
 
     @property
     def can_undo(self) -> bool:
+        """Whether there is a change to undo."""
         return bool(self._past)
 
     @property
     def can_redo(self) -> bool:
+        """Whether there is an undone change to make again."""
         return bool(self._future)
 
     def change(self, index: int, fields: Mapping[str, Any]) -> None:

@@ -47,6 +47,7 @@ class GraspOracle:
         self.arm = floating_arm(self.world, gripper)
 
     def close(self) -> None:
+        """Close the physics."""
         self.world.close()
 
     def refuses(self, candidate: GraspCandidate, truth: Snapshot) -> str:

@@ -41,6 +41,7 @@ class FloatingPlanner:
         self.planned = 0
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        """The pick of a candidate, or what the gripper would touch."""
         self.planned += 1
         line = _way_in(candidate.T_world_tool, self._height, candidate.point.approach_distance)
         if self._blocked(candidate, line):

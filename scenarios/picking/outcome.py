@@ -50,6 +50,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
+        """Whether nothing was wrong with the pick."""
         return self.reason == ""
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import TracebackType
 
-from rich.console import Console, Group
-from rich.live import Live
-from rich.progress_bar import ProgressBar
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
 from pickproof.scenarios.campaign.executor import Event
@@ -17,8 +15,11 @@ from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
 from pickproof.scenarios.results.summary import counted, counts, interval, percent
 from pickproof.scenarios.statistics.intervals import wilson
 
+MEMORY_S = 3600.0
+"""Time that the estimate of the time left looks back: an episode lasts minutes."""
 
-class LiveView:
+
+class CampaignProgress:
     """Progress of a campaign in the terminal; give `update` to the campaign. A line an episode where no terminal is.
 
     Args:
@@ -30,20 +31,28 @@ class LiveView:
         self._console, self._total, self._parts = console, total, parts
         self._of_seed: dict[int, list[AttemptRecord]] = {}
         self._ended: dict[int, EpisodeRecord] = {}
-        self._begun = time.monotonic()
         for a in done:
             self._of_seed.setdefault(a.seed, []).append(a)
         self._before = len(self._of_seed)
-        self._live = Live(console=console, refresh_per_second=2, transient=True, get_renderable=self.render)
+        self._bar = _Bar(
+            BarColumn(bar_width=None),
+            TextColumn("{task.description}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+            speed_estimate_period=MEMORY_S,
+        )
+        self._task = self._bar.add_task(self._so_far(), total=total, completed=self._before)
 
-    def __enter__(self) -> LiveView:
-        if self._console.is_terminal:
-            self._live.start()
+    def __enter__(self) -> CampaignProgress:
+        self._bar.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, tb: TracebackType | None) -> None:
-        if self._console.is_terminal:
-            self._live.stop()
+        self._bar.stop()
 
     def update(self, event: Event) -> None:
         """Take note of an event."""
@@ -62,37 +71,39 @@ class LiveView:
         else:
             mine.clear()
             self._console.print(f"episode {event.seed}: its worker died or hung, run again")
-
-    def render(self) -> Group:
-        """Progress, time left, rate and reasons."""
-        records = [a for mine in list(self._of_seed.values()) for a in list(mine)]
-        moved, good = sum(a.moved for a in records), sum(a.success for a in records)
-        rate = percent(good / moved) if moved else "-"
-        rates = f"pick success {rate}  ({good} of {moved}; 95 % Wilson {interval(wilson(good, moved))})"
-        reasons = Counter(str(a.reason) for a in records if not a.success)
-        bar = ProgressBar(total=self._total, completed=self._finished(), width=60)
-        return Group(
-            bar,
-            Text(self._so_far()),
-            Text(rates, style="bold"),
-            Text(f"failures and no-picks: {counts(reasons.most_common())}"),
-        )
+        self._bar.update(self._task, completed=self._finished(), description=self._so_far())
+        self._bar.below = rates([a for of_one in self._of_seed.values() for a in of_one])
 
     def _finished(self) -> float:
         """Episodes that ended; one that runs counts by the share of its workpieces that are out."""
         running = sum(
-            min(0.95, sum(a.success for a in list(mine)) / self._parts)
+            min(0.95, sum(a.success for a in mine) / self._parts)
             for seed, mine in list(self._of_seed.items())[self._before :]
             if seed not in self._ended
         )
         return self._before + len(self._ended) + running
 
     def _so_far(self) -> str:
-        return f"{self._before + len(self._ended)} of {counted(self._total, 'episode')}, {self._left(self._finished())}"
+        return f"{self._before + len(self._ended)} of {counted(self._total, 'episode')}"
 
-    def _left(self, finished: float) -> str:
-        elapsed, share = time.monotonic() - self._begun, finished - self._before
-        if share < 0.05:
-            return f"{elapsed:.0f} s, time left not known yet"
-        left = elapsed / share * (self._total - finished)
-        return f"{elapsed:.0f} s, about {left // 60:.0f} min {left % 60:.0f} s left"
+
+class _Bar(Progress):
+    """rich's progress with lines below it."""
+
+    below: tuple[Text, ...] = ()
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """As rich's, and the lines."""
+        yield from super().get_renderables()
+        yield from self.below
+
+
+def rates(records: Sequence[AttemptRecord]) -> tuple[Text, Text]:
+    """The pick success rate with its interval, and how often each reason of a failure occurred."""
+    moved, good = sum(a.moved for a in records), sum(a.success for a in records)
+    rate = percent(good / moved) if moved else "-"
+    reasons = Counter(str(a.reason) for a in records if not a.success)
+    return (
+        Text(f"pick success {rate}  ({good} of {moved}; 95 % Wilson {interval(wilson(good, moved))})", style="bold"),
+        Text(f"failures and no-picks: {counts(reasons.most_common())}"),
+    )

@@ -5,7 +5,7 @@ PYTHON ?= $(shell for p in python3.11 python3; do $$p -c "" 2>/dev/null && echo 
 PIP_ARGS ?=
 STAMP := .venv/.stamp
 
-.PHONY: setup pick lint test test-fast test-newest clean
+.PHONY: setup pick lint test test-fast test-newest docs clean
 
 setup: $(STAMP)
 
@@ -38,6 +38,11 @@ test-newest:
 	.venv/bin/python -m pip install --quiet $(PIP_ARGS) -e '.[dev]'
 	touch $(STAMP)
 	$(MAKE) test
+
+# the site of docs/, in build/site; a broken link or a page out of date is an error
+docs: $(STAMP)
+	.venv/bin/python docs/fields.py --check
+	.venv/bin/mkdocs build --strict --quiet
 
 clean:
 	rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,9 +1,12 @@
-"""Perception of one depth frame, in the order of the paper: normalise, extract and regress, cluster, refine, verify."""
+"""Perception of one depth frame; `Perception.perceive_region` reads as the paper's pipeline (PS6D, sec. III).
+
+Takes a depth frame and the region of workpieces; gives a `RefineResult`: the paper's poses, and those after ICP and
+verification.
+"""
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +24,15 @@ from pickproof.perception.ps6d.point_hierarchy import build_levels, input_points
 from pickproof.perception.ps6d.variants import cluster_config
 from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.weights import load_weights, weights_path
-from pickproof.perception.refinement.refine import RefineConfig, RefineResult, refine
+from pickproof.perception.refinement.config import RefineConfig
+from pickproof.perception.refinement.refine import (
+    RefineResult,
+    cluster_votes,
+    measured_surface,
+    register_and_verify,
+)
 from pickproof.perception.refinement.score_model import ScoreModel, score_path
+from pickproof.perception.refinement.stage_clock import StageClock
 
 PASSES, PASSES_SLENDER = 2, 3
 """Samplings of the cloud that vote together: each adds votes on other points at the cost of one forward pass. Slender
@@ -66,15 +76,26 @@ class Perception:
         return self.perceive_region(frame, roi_mask(frame, bin), rng)
 
     def perceive_region(self, frame: DepthFrame, mask: np.ndarray, rng: np.random.Generator) -> RefineResult:
-        """The same where no bin is known: `mask` (h, w) bool says where workpieces may be."""
-        clock = time.perf_counter()
+        """The pipeline of the paper, then ours, where `mask` (h, w) bool says where workpieces may be."""
+        clock, shape = StageClock(), ShapeModel.of(self.workpiece)
+
+        # Workpiece normalisation: the cloud in units of the workpiece, about its mean
         cloud = scene_cloud(frame, mask, self.workpiece.unit)
+
+        # Network: attention-guided features, then centre and rotation of the workpiece under every voting point
         votes = self.vote(cloud, rng)
-        seconds = {"network": time.perf_counter() - clock}
+        clock.lap("network")
         if votes is None:
-            return RefineResult([], [], seconds)
-        result = refine(frame, self.workpiece, votes, self.config, mask, self.score_model)
-        return replace(result, seconds=seconds | result.seconds)
+            return RefineResult([], [], clock.seconds)
+
+        # Two-stage clustering and pose voting: one pose for every category. This is the paper's result
+        clustered = cluster_votes(votes, shape, self.config.cluster)
+        clock.lap("cluster")
+
+        # Ours: hypotheses from the clusters, ICP against the depth image, verification of what it leaves
+        surface = measured_surface(frame, shape, self.config, mask)
+        clock.lap("surface")
+        return register_and_verify(clustered, surface, shape, self.config, self.score_model, clock)
 
     @torch.inference_mode()
     def vote(self, cloud: Cloud, rng: np.random.Generator) -> Votes | None:

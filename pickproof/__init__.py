@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 
 from pickproof.cell.lazy_exports import lazy_exports
 from pickproof.cell.numerics import use_portable_kernels
+from pickproof.cell.workpiece.folders import register_folder
+from pickproof.scenarios.config.shipped import WORKPIECES
 
 if TYPE_CHECKING:
     from pickproof.cell.errors import InputError, PickproofError
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord, Reason
 
 use_portable_kernels()  # before any module of the project loads numpy
+register_folder(WORKPIECES)  # so that load_workpiece("bracket") finds what is shipped
 
 __all__ = [
     "AttemptRecord",

@@ -40,9 +40,9 @@ Positive = Annotated[float, Field(gt=0)]
 class CollisionBox(Config):
     """A solid box in the CAD frame: full edge lengths [m], centre [m], fixed-axis roll, pitch, yaw [rad]."""
 
-    size: Size
-    centre: OffsetPoint
-    rpy: Angles = (0.0, 0.0, 0.0)
+    size: Size = Field(description="[m] full edge lengths")
+    centre: OffsetPoint = Field(description="[m] in the CAD frame")
+    rpy: Angles = Field((0.0, 0.0, 0.0), description="[rad] fixed-axis roll, pitch, yaw")
 
     @property
     def T_part_box(self) -> Array:
@@ -53,10 +53,10 @@ class CollisionBox(Config):
 class CollisionCylinder(Config):
     """A solid cylinder about its own z axis: radius and length [m]; centre [m] and rpy [rad] in the CAD frame."""
 
-    radius: Small
-    length: Length
-    centre: OffsetPoint
-    rpy: Angles = (0.0, 0.0, 0.0)
+    radius: Small = Field(description="[m]")
+    length: Length = Field(description="[m] along its z axis")
+    centre: OffsetPoint = Field(description="[m] in the CAD frame")
+    rpy: Angles = Field((0.0, 0.0, 0.0), description="[rad] fixed-axis roll, pitch, yaw")
 
     @property
     def T_part_cylinder(self) -> Array:

@@ -30,7 +30,7 @@ from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.weights import load_weights, variant_path, weights_path
 from pickproof.perception.refinement.refine import RefineConfig
 
-METHODS = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_refined")
+METHODS = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_fitted", "ps6d_refined")
 """Rows of Table I, in its order."""
 
 ABLATIONS = ("ps6d", "pointnet2_msg", "no_normalisation", "single_stage", "no_local_frames", "no_cad_head")
@@ -73,7 +73,7 @@ class Method:
 
     Attributes:
         table: I or II of the paper.
-        rows: names of its rows, two for PS6D: clustering alone, and refined.
+        rows: names of its rows; of PS6D the paper's voting, in Table I poses by all votes, and refined.
         weights: of the network; None for PPF.
         variant: what the network must be; None for whatever is shipped.
         frames: how many it sees.
@@ -116,7 +116,8 @@ class Method:
         if self.kind == "ppf":
             cv2.setNumThreads(1)
             return partial(_ppf, Ppf.train(workpiece))
-        config = RefineConfig.model_validate({"cluster": {"two_stage": self.two_stage}})
+        fit: dict[str, float] | None = {} if self.table == "methods" and self.kind == "ps6d" else None
+        config = RefineConfig.model_validate({"cluster": {"two_stage": self.two_stage}, "fit": fit})
         perception = Perception.load(workpiece, self.weights, config, self.calibrated)
         if self.kind == "ps6d":
             return partial(_ps6d, perception)
@@ -143,7 +144,7 @@ def methods_of(
         Method("methods", "ppf", ("ppf",), None, None, ppf_frames),
         Method("methods", "ppr_net", ("ppr_net",), trained(peer), peer, frames),
         Method("methods", "ppr_net_pp", ("ppr_net_pp",), trained(peer), peer, frames),
-        Method("methods", "ps6d", ("ps6d", "ps6d_refined"), own, None, frames),
+        Method("methods", "ps6d", ("ps6d", "ps6d_fitted", "ps6d_refined"), own, None, frames),
     ]
     for name in ABLATIONS if workpiece.name in ABLATION_WORKPIECES else ():
         rows = name, f"{name}_refined"
@@ -167,11 +168,11 @@ def _ps6d(
     result = perception.perceive(frame, bin, rng)
     total = time.process_time() - clock
     stages = result.seconds
-    until_raw = sum(stages.get(stage, 0.0) for stage in ("network", "cluster")) / max(sum(stages.values()), 1e-9)
-    return (
-        Found.of(result.raw, [p.score for p in result.raw], until_raw * total),
-        Found.of(result.estimates, [p.score for p in result.estimates], total),
-    )
+    until_raw = sum(stages.get(stage, 0.0) for stage in ("network", "cluster"))
+    fit = stages.get("fit", 0.0)
+    whole = max(sum(stages.values()), 1e-9)
+    rows = [(result.raw, until_raw), (result.fitted, until_raw + fit), (result.estimates, whole - fit)]
+    return tuple(Found.of(p, [e.score for e in p], total * part / whole) for p, part in rows if p is not None)
 
 
 def _ppr_net(

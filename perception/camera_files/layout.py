@@ -1,4 +1,4 @@
-"""Intrinsics in the layouts that cameras, libraries and datasets write them in (docs/data.md lists them)."""
+"""Intrinsics in the layouts of cameras, libraries and datasets (docs/reference/camera-files.md lists them)."""
 
 from __future__ import annotations
 

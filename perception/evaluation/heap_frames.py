@@ -26,7 +26,7 @@ from pickproof.perception.data.bop_read import BopImage
 from pickproof.perception.data.scenes import HEAPS_FOLDER, heap_bin, load_heaps, overhead_view, render_heap
 from pickproof.perception.estimate import Perception, shipped_score_model
 from pickproof.perception.ps6d.weights import load_weights, weights_path
-from pickproof.perception.refinement.refine import RefineResult
+from pickproof.perception.refinement.refine import RefineConfig, RefineResult
 from pickproof.perception.training.dataset import Scene
 
 
@@ -88,7 +88,8 @@ class Setup:
 
     def load(self) -> Perception:
         """Ready to perceive."""
-        return Perception.load(load_workpiece(self.workpiece), self.weights, calibrated=self.calibrated)
+        config = RefineConfig.model_validate({"fit": {}})
+        return Perception.load(load_workpiece(self.workpiece), self.weights, config, self.calibrated)
 
 
 def perceive_scenes(setup: Setup, scenes: Sequence[Scene], workers: int = 1) -> Iterator[HeapFrame]:

@@ -1,4 +1,4 @@
-"""Time laws: how fast a joint move or a joint path may run within velocity, acceleration and jerk limits (Ruckig)."""
+"""Motion profiles: how fast joints may move, straight or along a path, within velocity, acceleration, jerk (Ruckig)."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def joint_segment(model: RobotModel, q0: Array, q1: Array) -> JointSegment:
     x.synchronization = ruckig.Synchronization.Phase
     profile = _solve(x)
     if profile is None:
-        raise ValueError(f"no time law from {q0} to {q1}")
+        raise ValueError(f"no motion profile from {q0} to {q1}")
     return JointSegment(profile)
 
 

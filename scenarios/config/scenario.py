@@ -92,10 +92,10 @@ class CameraConfig(Config):
 
 
 class PhysicsConfig(Config):
-    """Settings of the physics (docs/cell.md says why these)."""
+    """Settings of the physics (docs/explanation/physics.md says why these)."""
 
     timestep: float = Field(default=1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
-    solver_iterations: int = Field(default=50, ge=1, le=500)
+    solver_iterations: int = Field(default=50, ge=1, le=500, description="of each step")
 
 
 class PerceptionConfig(Config):
@@ -155,7 +155,7 @@ class Scenario(Config):
         default=0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ..."
     )
     robot: str = Field(default="lrmate200id", description="a folder of robots/")
-    gripper: str = "jaw_v1"
+    gripper: str = Field(default="jaw_v1", description="name of a shipped gripper, or the path of its YAML file")
     grasps: str = Field(
         default="",
         description="file of grasp points in place of the workpiece's grasps.yaml; from this file's folder",

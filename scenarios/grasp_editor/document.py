@@ -264,7 +264,7 @@ class GraspDocument:
 
     def _begun(self) -> str:
         head = (
-            f"# Grasp points of {self._workpiece.name}; the schema is in docs/grasping.md.\n"
+            f"# Grasp points of {self._workpiece.name}; the schema is in docs/reference/grasps-file.md.\n"
             "# [m] and unit vectors in the CAD frame.\n"
         )
         return (

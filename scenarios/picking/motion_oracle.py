@@ -1,6 +1,6 @@
 """The motion oracle: a floating gripper moves, so nothing but the gripper itself can be in the way.
 
-No reach, no joint limits, no singularities, no arm that collides; docs/statistics.md says what that leaves.
+No reach, no joint limits, no singularities, no arm that collides; docs/explanation/attribution.md says what is left.
 """
 
 from __future__ import annotations

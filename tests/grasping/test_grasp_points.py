@@ -121,7 +121,7 @@ def test_symmetry_makes_every_grasp_again_on_each_equal_side(
 
 
 def test_a_grasp_that_symmetry_gives_twice_is_kept_once(bracket: Workpiece) -> None:
-    """Half a turn about the approach is the flip: symmetric parts would offer each pose twice."""
+    """Half a turn about the approach is the flip: symmetric parts would give each pose twice."""
     straight_down = point(centre=(0, 0, 0.003), approach=(0, 0, -1), closing=(1, 0, 0), flip=True)
     two_fold = replace(bracket, symmetry=Symmetry((0, 0, 180)))
     assert len(expand((straight_down,), two_fold).index) == 2

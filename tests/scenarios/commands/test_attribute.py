@@ -8,9 +8,9 @@ import pytest
 from rich.console import Console
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.attribute import folder_of, run_modes
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.comparison.attribution import MODES, attribute, print_attribution, verdict_line
+from pickproof.scenarios.comparison.attribution_run import folder_of, run_modes
 from pickproof.scenarios.comparison.paired import Outcome
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.results.store import FILE

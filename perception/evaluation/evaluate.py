@@ -18,6 +18,7 @@ from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.perception.data.bop_read import BopImage
 from pickproof.perception.data.overlay import Pictured, draw_frames
 from pickproof.perception.data.scenes import HELD_OUT_SEED
+from pickproof.perception.estimate import method_for
 from pickproof.perception.evaluation.analysis import (
     Instances,
     axis_errors,
@@ -31,6 +32,7 @@ from pickproof.perception.evaluation.bop_results import write_results
 from pickproof.perception.evaluation.heap_frames import HeapFrame, Setup, perceive_given, perceive_seeds
 from pickproof.perception.evaluation.metrics import POINTS, FrameScore, score_frame, summarise, visible_instances
 from pickproof.perception.evaluation.page import Evaluation, write_page
+from pickproof.perception.method import Method
 from pickproof.perception.pose_estimate import PoseEstimate
 from pickproof.perception.ps6d.weights import file_hash, weights_path, weights_record
 from pickproof.perception.refinement.score_model import reliability
@@ -94,22 +96,22 @@ def _poses(estimates: list[PoseEstimate]) -> Array:
     return np.array([e.T_camera_part for e in estimates]).reshape(-1, 4, 4)
 
 
-def report_of(frames: list[Frame]) -> dict[str, object]:
-    """Figures of each method as evaluation.json holds them; shares in per cent."""
+def report_of(frames: list[Frame], method: Method = "ps6d") -> dict[str, object]:
+    """Figures as evaluation.json holds them, of ps6d before and after refinement; shares in per cent."""
     methods: dict[str, object] = {}
     means: dict[str, float] = {}
     for frame in frames:
         for stage, t in frame.seen.result.seconds.items():
             means[stage] = means.get(stage, 0.0) + t / len(frames)
-    raw_stages = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
+    raw_stages: dict[str, float] = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
     fitted = [f.fitted for f in frames if f.fitted is not None]
-    for name, scores, seconds in (
-        ("ps6d", [f.raw for f in frames], raw_stages),
-        ("ps6d_fitted", fitted, raw_stages | {"fit": means.get("fit", 0.0)}),
-        ("ps6d_refined", [f.refined for f in frames], {k: v for k, v in means.items() if k != "fit"}),
-    ):
-        if not scores:
-            continue
+    refined, without_fit = [f.refined for f in frames], {k: v for k, v in means.items() if k != "fit"}
+    rows = [(str(method), refined, without_fit)]
+    if method == "ps6d":
+        rows = [("ps6d", [f.raw for f in frames], raw_stages), ("ps6d_refined", refined, without_fit)]
+        if fitted:
+            rows.insert(1, ("ps6d_fitted", fitted, raw_stages | {"fit": means.get("fit", 0.0)}))
+    for name, scores, seconds in rows:
         s = summarise(scores)
         methods[name] = {
             "f1_inst": 100 * s.f1_inst,
@@ -149,7 +151,7 @@ class EvaluationRequest:
         seed: added to the first held-out seed.
         source: scenes of the user's own.
         bop_results: CSV of the poses found in a BOP dataset, where it is wanted.
-        weights: None for the shipped ones.
+        weights: None for the shipped ones; method: how poses are found.
         out: folder that evaluation.json, .html, .png and instances.csv are written to; None for the usual one.
         command: the command line, for the record.
     """
@@ -164,6 +166,7 @@ class EvaluationRequest:
     workers: int = 1
     out: Path | None = None
     command: str = ""
+    method: Method = "auto"
 
 
 def evaluate(asked: EvaluationRequest, console: Console) -> tuple[Evaluation, Path]:
@@ -176,8 +179,9 @@ def evaluate(asked: EvaluationRequest, console: Console) -> tuple[Evaluation, Pa
         InputError: no such workpiece, weights or scenes.
     """
     workpiece = load_workpiece(asked.workpiece)
-    weights = asked.weights or weights_path(workpiece)
-    setup = Setup(workpiece.name, weights, asked.sensor, HELD_OUT_SEED)
+    method = method_for(workpiece, asked.method, asked.weights)
+    weights = None if method == "search" else asked.weights or weights_path(workpiece)
+    setup = Setup(workpiece.name, weights, asked.sensor, HELD_OUT_SEED, method=method)
     setup.check()
     given = asked.source.scenes(workpiece, asked.workers)
     if given is not None and asked.seed:
@@ -198,7 +202,7 @@ def evaluate(asked: EvaluationRequest, console: Console) -> tuple[Evaluation, Pa
     worst = sorted(frames, key=lambda f: _f1(f.refined))[:PICTURED]
     found = Evaluation(
         workpiece,
-        document_of(asked, workpiece, weights, frames),
+        document_of(asked, setup, workpiece, frames),
         Instances.join([f.instances for f in frames]),
         [f.refined for f in frames],
         [(f.seed, f.refined, f.pictured) for f in worst],
@@ -210,19 +214,21 @@ def evaluate(asked: EvaluationRequest, console: Console) -> tuple[Evaluation, Pa
     return found, out
 
 
-def document_of(asked: EvaluationRequest, workpiece: Workpiece, weights: Path, frames: list[Frame]) -> dict[str, Any]:
-    """What evaluation.json holds."""
+def document_of(asked: EvaluationRequest, setup: Setup, workpiece: Workpiece, frames: list[Frame]) -> dict[str, Any]:
+    """What evaluation.json holds; `shown` is the method that figures beside the table are of."""
+    weights = setup.weights
     instances = Instances.join([f.instances for f in frames])
     return {
         "workpiece": workpiece.name,
         "command": asked.command,
-        "weights": file_hash(weights),
-        "record": weights_record(weights),
+        "weights": None if weights is None else file_hash(weights),
+        "record": {} if weights is None else weights_record(weights),
         "noise": asked.sensor.enabled,
         "sensor": asked.sensor.model_dump(),
         "scenes": str(asked.source.bop or asked.source.data or "held-out heaps"),
         "tolerance_mm": 1000 * workpiece.tolerance,
-        "methods": report_of(frames),
+        "methods": report_of(frames, setup.method),
+        "shown": "ps6d_refined" if setup.method == "ps6d" else setup.method,
         "recall_by_visibility": recall_by_visibility(instances),
         "axis_errors": spread(np.concatenate([f.errors for f in frames])),
         "calibration": calibration_of(frames),

@@ -19,7 +19,8 @@ from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.perception.camera_files.check import FARTHEST, check_pose
 from pickproof.perception.data.region import region_of_interest
-from pickproof.perception.estimate import Perception
+from pickproof.perception.estimate import Perception, method_for
+from pickproof.perception.method import Method
 from pickproof.perception.own_images.pose_picture import draw_poses
 from pickproof.perception.own_images.user_frame import Options, read_frame
 from pickproof.perception.ps6d.cloud import roi_mask, scene_cloud
@@ -49,7 +50,7 @@ class PerceptionRequest:
         workpiece: its name; input: the file of a depth image or of a cloud; options: what is said of it.
         box: low, then high corner of a box that holds the workpieces, in [m] in world coordinates; bin: file of a bin
             in its place.
-        weights: None for the shipped ones; seed: of the voting points.
+        weights: None for the shipped ones; seed: of the voting points and seeds; method: how poses are found.
         out: folder of poses.json and poses.png; None for the usual one.
         command: the command line, for the record.
     """
@@ -63,6 +64,7 @@ class PerceptionRequest:
     seed: int = 0
     out: Path | None = None
     command: str = ""
+    method: Method = "auto"
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def perceive(asked: PerceptionRequest, warn: Callable[[str], None]) -> Perceived
     frame = read_frame(asked.input, asked.options, workpiece, warn)
     region = region_of(frame, workpiece, asked.box, asked.bin)
     _check_region(asked.input, frame, region, workpiece)
-    perception = Perception.load(workpiece, asked.weights)
+    perception = Perception.load(workpiece, asked.weights, method=asked.method)
     clock = time.perf_counter()
     result = perception.perceive_region(frame, region, np.random.default_rng(asked.seed))
     seconds = time.perf_counter() - clock
@@ -96,7 +98,8 @@ def perceive(asked: PerceptionRequest, warn: Callable[[str], None]) -> Perceived
         "workpiece": workpiece.name,
         "input": str(asked.input),
         "command": asked.command,
-        "weights": file_hash(asked.weights or weights_path(workpiece)),
+        "method": method_for(workpiece, asked.method, asked.weights),
+        "weights": None if perception.network is None else file_hash(asked.weights or weights_path(workpiece)),
         "camera": vars(frame.intrinsics) | {"sigma_m": frame.sigma, "T_world_camera": frame.T_world_camera.tolist()},
         "seconds": seconds,
         "poses": poses_of(result, frame),

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from pickproof.cell.config import Config
+from pickproof.cell.config import Config, Sigma
 from pickproof.cell.workpiece.workpiece import Workpiece
-from pickproof.perception.refinement.verify import VerifyConfig
+from pickproof.perception.refinement.config import VerifyConfig
 
 
 class SearchConfig(Config):
@@ -17,8 +17,8 @@ class SearchConfig(Config):
 
     spacing: float = Field(0.12, gt=0, description="of the CAD samples that may lie at a seed")
     least_samples: int = Field(70, ge=1, description="CAD samples over the whole surface; less spacing where fewer")
-    turns: int = Field(16, ge=4, description="turns about the normal that are tried; more where samples are denser")
-    most_turns: int = Field(24, ge=4, description="the same on the finest shapes")
+    turns: int = Field(16, ge=4, description="turns about the normal; more where samples are denser or parts longer")
+    most_turns: int = Field(64, ge=4, description="the same on the finest and longest shapes")
     voxel: float = Field(0.15, gt=0, description="one seed is taken in each voxel of this size")
     least_seeds: int = Field(450, ge=1, description="smaller voxels where a frame gives fewer seeds")
     most_poses: float = Field(4e6, gt=0, description="seeds x samples x turns; fewer seeds where a frame gives more")
@@ -33,6 +33,7 @@ class SearchConfig(Config):
     claims_per_point: int = Field(2, ge=1, description="best poses of a point that go into the last one")
     least_ratio: float = Field(0.6, ge=0, le=1, description="inliers / (inliers + violations) after the rough look")
     verify: VerifyConfig = VerifyConfig(min_ratio=0.7)
+    depth_sigma: Sigma | None = Field(None, description="[m] of a measured depth; none: what the frame says")
 
 
 @dataclass(frozen=True)
@@ -52,5 +53,6 @@ class Density:
         """Thin and slender parts have little surface in their units, so they get denser samples and turns."""
         area = float(workpiece.mesh.area) / workpiece.unit**2
         spacing = min(config.spacing, math.sqrt(area / config.least_samples))
-        turns = min(config.most_turns, round(config.turns * config.spacing / spacing))
-        return Density(spacing, max(config.turns, turns))
+        length = float(workpiece.extents.max()) / workpiece.unit  # a turn moves the ends of a long part farther
+        turns = round(config.turns * max(config.spacing / spacing, length))
+        return Density(spacing, min(turns, config.most_turns))

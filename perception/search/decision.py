@@ -13,14 +13,13 @@ import numpy as np
 from scipy.special import expit
 
 from pickproof.cell.frames import Array
+from pickproof.perception.refinement.evidence import Evidence
 from pickproof.perception.refinement.score_model import FEATURES as VERIFIED
 from pickproof.perception.refinement.score_model import SIGNS as VERIFIED_SIGNS
-from pickproof.perception.refinement.verify import Evidence
 from pickproof.perception.search.near_misses import NearMisses
 
 FEATURES = (*VERIFIED, "outside", "shallow", "misfit")
 SIGNS = (*VERIFIED_SIGNS, -1, -1, -1)
-OF_VOTES = frozenset({"log_votes", "centres_agree", "rotations_agree"})
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Decisions:
     threshold: float = 0.5
 
 
-FITTED = Decisions(
+ALONE = Decisions(
     DecisionModel.of(
         2.16, {"violations": -27.71, "log_area": 0.49, "beside": -51.04, "residual": -1.23, "outside": -34.95}
     ),
@@ -82,3 +81,16 @@ def features_of(evidence: Evidence, outside: Array, near: NearMisses, tolerance:
     """Inputs (h, len(FEATURES)) of the models; `outside` (h,) as in `outside.outside`."""
     own = np.stack([outside, near.shallow, near.misfit], axis=1)
     return np.concatenate([evidence.features(tolerance), own], axis=1)
+
+
+def with_votes(features: Array, evidence: Evidence) -> Array:
+    """The features (h, len(FEATURES)) with those of votes as in `evidence`."""
+    features = features.copy()
+    features[:, FEATURES.index("log_votes")] = np.log1p(evidence.votes)
+    features[:, FEATURES.index("centres_agree")] = evidence.centres_agree
+    features[:, FEATURES.index("rotations_agree")] = evidence.rotations_agree
+    return features
+
+
+WITH_NETWORK = ALONE
+"""Where a network votes too."""

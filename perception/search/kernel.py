@@ -36,6 +36,7 @@ def best_poses(  # type: ignore[no-untyped-def]
     first, second, last = SCREENS
     per_tolerance = np.float32(1.0) / tolerance
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    enough_first, enough_second = least * first, SECOND_SCREEN * least * second
     R = np.empty((3, 3), np.float32)
     for i in range(len(points)):
         px, py, pz = points[i]
@@ -50,7 +51,8 @@ def best_poses(  # type: ignore[no-untyped-def]
                     b1 = frames[i, x, 1] * c - frames[i, x, 0] * s
                     b2 = frames[i, x, 2]
                     for y in range(3):
-                        R[x, y] = b0 * sample_frames[j, y, 0] + b1 * sample_frames[j, y, 1] + b2 * sample_frames[j, y, 2]
+                        A = sample_frames[j, y]
+                        R[x, y] = b0 * A[0] + b1 * A[1] + b2 * A[2]
                 dx = R[0, 0] * cx + R[1, 0] * cy + R[2, 0] * cz
                 dy = R[0, 1] * cx + R[1, 1] * cy + R[2, 1] * cz
                 dz = R[0, 2] * cx + R[1, 2] * cy + R[2, 2] * cz
@@ -62,7 +64,7 @@ def best_poses(  # type: ignore[no-untyped-def]
                 tz = pz - (R[2, 0] * qx + R[2, 1] * qy + R[2, 2] * qz)
                 total, refuted = zero, False
                 for k in range(last):
-                    if (k == first and total < least * first) or (k == second and total < SECOND_SCREEN * least * second):
+                    if (k == first and total < enough_first) or (k == second and total < enough_second):
                         refuted = True
                         break
                     x0, y0, z0 = visible[view, k, 0], visible[view, k, 1], visible[view, k, 2]

@@ -15,9 +15,7 @@ MARGIN = 0.002
 """[m] that floor and walls may be off."""
 
 
-def outside(
-    R: Tensor, t: Tensor, shape: ShapeModel, frame: DepthFrame, bin: Bin | None, stride: int = 5
-) -> np.ndarray:
+def outside(R: Tensor, t: Tensor, shape: ShapeModel, frame: DepthFrame, bin: Bin | None, stride: int = 5) -> np.ndarray:
     """Shares (h,) of the CAD of poses R (h, 3, 3), t (h, 3) outside the bin; zeros where no bin is known.
 
     Args:

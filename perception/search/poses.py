@@ -12,7 +12,6 @@ from torch import Tensor
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.perception.cad.shape_model import ShapeModel
 
-Floats = np.ndarray
 _GENERIC = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 """A rotation near no symmetry axis, to which equal poses are turned."""
 
@@ -47,15 +46,20 @@ class Poses:
         )
 
     def distinct(self, shape: ShapeModel, apart: float, most: int | None = None) -> Poses:
-        """Best score first, those that no better one is nearer to than `apart`, in units; `most` at most.
+        """Best score first, those that no better one is nearer to than `apart`, in units; `most` at most."""
+        return self.select(self.distinct_index(shape, apart, most))
+
+    def distinct_index(self, shape: ShapeModel, apart: float, most: int | None = None) -> np.ndarray:
+        """Indices of `distinct`.
 
         The distance of two poses is that of `ShapeModel.embed`, with the offset of their positions beside.
         """
-        places = np.concatenate([self.positions.numpy(), shape.embed(self.rotations.numpy().astype(np.float64))], axis=1)
+        turned = shape.embed(self.rotations.numpy().astype(np.float64))
+        places = np.concatenate([self.positions.numpy(), turned], axis=1)
         order = np.argsort(-self.scores, kind="stable")
         limit = len(order) if most is None else most
         kept = _first_of_each(places[order].astype(np.float32), np.float32(apart**2), limit)
-        return self.select(order[kept])
+        return np.asarray(order[kept])
 
 
 def turned_alike(rotations: np.ndarray, symmetry: Symmetry) -> np.ndarray:

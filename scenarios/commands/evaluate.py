@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.commands.arguments import MAX_SEED, Flat, Workers, about, integer
 from pickproof.scenarios.commands.invocation import command_line
-from pickproof.scenarios.commands.perception_arguments import NoiseOptions, SourceOptions, WorkpieceName
+from pickproof.scenarios.commands.perception_arguments import (
+    MethodName,
+    NoiseOptions,
+    SourceOptions,
+    WorkpieceName,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,6 +33,7 @@ class EvaluateOptions(SourceOptions, NoiseOptions):
     seed: Annotated[int, integer(0, MAX_SEED), about("added to the first held-out seed")] = 0
     bop_results: Annotated[Path | None, about("write the poses found in --bop to this file as BOP's CSV")] = None
     weights: Annotated[Path | None, about("weights to evaluate; default: the shipped ones")] = None
+    method: MethodName = "auto"
     workers: Workers = 1
     json: Annotated[bool, about("print the evaluation as JSON; progress goes to stderr")] = False
     out: Annotated[Path | None, about("output folder; default: out/evaluate/WORKPIECE")] = None
@@ -61,6 +67,7 @@ def evaluate(
         options.workers,
         options.out,
         command_line(),
+        options.method,
     )
     console = Console(stderr=options.json)
     found, out = evaluate_network(asked, console)
@@ -86,6 +93,6 @@ def _print(console: Console, workpiece: Workpiece, data: dict[str, Any]) -> None
         cells = ["-" if m[c] is None else f"{m[c]:.2f}" for c in columns]
         table.add_row(name, *cells, f"{m['seconds_per_frame']['total']:.2f}")
     console.print(table)
-    split = data["methods"]["ps6d_refined"]["seconds_per_frame"]
+    split = data["methods"][data["shown"]]["seconds_per_frame"]
     console.print("seconds a frame: " + ", ".join(f"{k} {v:.3f}" for k, v in split.items()))
     console.print(f"expected calibration error {data['calibration']['ece']:.3f}")

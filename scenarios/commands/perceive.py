@@ -14,7 +14,7 @@ from cyclopts.validators import MutuallyExclusive
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.commands.arguments import MAX_SEED, Flat, about, integer
 from pickproof.scenarios.commands.invocation import command_line
-from pickproof.scenarios.commands.perception_arguments import WorkpieceName
+from pickproof.scenarios.commands.perception_arguments import MethodName, WorkpieceName
 
 if TYPE_CHECKING:
     from pickproof.perception.own_images.user_frame import Options
@@ -41,6 +41,7 @@ class PerceiveOptions:
     roi: Annotated[Box | None, about("X0 Y0 Z0 X1 Y1 Z1: box that holds the workpieces, in m", group=_WHERE)] = None
     bin: Annotated[Path | None, about("YAML with inner and T_world_bin, in m", group=_WHERE)] = None
     weights: Annotated[Path | None, about("default: the shipped ones")] = None
+    method: MethodName = "auto"
     seed: Annotated[int, integer(0, MAX_SEED), about("of the voting points")] = 0
     json: Annotated[bool, about("print the poses as JSON")] = False
     out: Annotated[Path | None, about("output folder; default: out/perceive/WORKPIECE")] = None
@@ -67,6 +68,7 @@ def perceive(
         options.seed,
         options.out,
         command_line(),
+        options.method,
     )
     found = perceive_input(asked, _warn)
     if options.json:

@@ -9,6 +9,7 @@ from cyclopts import Group
 from cyclopts.validators import MutuallyExclusive
 
 from pickproof.cell.errors import InputError
+from pickproof.perception.method import Method
 from pickproof.scenarios.commands.arguments import about
 
 if TYPE_CHECKING:
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
     from pickproof.perception.training.scene_source import SceneSource
 
 WorkpieceName = Annotated[str, about("a name that `pickproof list` shows")]
+MethodName = Annotated[
+    Method,
+    about("ps6d: trained network; search: no training; both; auto: ps6d where weights exist, else search"),
+]
 _SCENES = Group("scenes of your own, one of", validator=MutuallyExclusive())
 _NOISE = Group("noise of the camera, one of", validator=MutuallyExclusive())
 

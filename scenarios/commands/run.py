@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pickproof.cell.errors import InputError
+from pickproof.perception.method import Method
 from pickproof.scenarios.commands.arguments import (
     FOLDER_TO_WRITE,
     MAX_SEED,
@@ -41,6 +42,9 @@ class RunOptions(ScenarioFields):
     ] = None
     no_pictures: Annotated[bool, about("keep no pictures of attempts")] = False
     keep: Annotated[Literal["failures", "all", "none"], about("attempts kept for `pickproof replay`")] = "failures"
+    method: Annotated[
+        Method | None, about("how poses are found: ps6d, search, both or auto; default: the scenario's")
+    ] = None
     json: Annotated[bool, about("print the summary as JSON; progress goes to stderr")] = False
 
 
@@ -65,7 +69,8 @@ def run(
     from pickproof.scenarios.results.store import Store
     from pickproof.scenarios.results.summary import FILE, counted, print_summary, summarise, write_summary
 
-    chosen = load_scenario(scenario, list(options.set))
+    method = () if options.method is None else (f"perception.method={options.method}",)
+    chosen = load_scenario(scenario, [*options.set, *method])
     seed = chosen.seed if options.seed is None else options.seed
     if seed + options.episodes - 1 > MAX_SEED:
         raise InputError("command line", "--seed", seed, f"at most {MAX_SEED} for the last episode")

@@ -23,6 +23,7 @@ from pickproof.cell.sensing.camera import Intrinsics, look_at
 from pickproof.cell.sensing.sensor_model import SensorConfig
 from pickproof.cell.workpiece.workpiece import list_workpieces, search_path, workpiece_folder
 from pickproof.grasping.ranking import GraspingConfig
+from pickproof.perception.method import Method
 from pickproof.scenarios.config.placing import HeapPlace, PatternPlace, PlaceConfig
 
 SHIPPED = Path(__file__).resolve().parents[1]
@@ -99,8 +100,12 @@ class PhysicsConfig(Config):
 
 
 class PerceptionConfig(Config):
-    """Which estimates are handed on to grasping."""
+    """How poses are found, and which of them are handed on to grasping."""
 
+    method: Method = Field(
+        default="auto",
+        description="ps6d: trained network; search: no training; both; auto: ps6d where weights exist, else search",
+    )
     min_score: float = Field(
         default=0.8, ge=0, le=1, description="calibrated score below which an estimate is rejected"
     )
@@ -228,6 +233,8 @@ def scenario_hash(scenario: Scenario) -> str:
     """SHA-256 of the canonical JSON without `seed`, so that it names the cell and the job, not the draw."""
     data = json.loads(scenario_json(scenario))
     del data["seed"]
+    if data["perception"]["method"] == "auto":  # older than the field, campaigns keep the hash they were stored under
+        del data["perception"]["method"]
     return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -244,8 +251,9 @@ def weights_hash(workpiece: str) -> str:
 
 
 def weights_used(scenario: Scenario, oracle: Collection[str]) -> str:
-    """`weights_hash` of a scenario's workpiece; empty where ground truth stands in for perception."""
-    return "" if "perception" in oracle else weights_hash(scenario.workpiece)
+    """`weights_hash` of a scenario's workpiece; empty where ground truth or the search stands in for the network."""
+    no_network = "perception" in oracle or scenario.perception.method == "search"
+    return "" if no_network else weights_hash(scenario.workpiece)
 
 
 def scenario_path(name_or_path: str) -> Path:

@@ -152,7 +152,9 @@ def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
     if "perception" not in oracle:
         from pickproof.perception.ps6d.weights import load_weights, weights_path
 
-        load_weights(weights_path(workpiece), workpiece)
+        method, path = scenario.perception.method, weights_path(workpiece)
+        if method in ("ps6d", "both") or (method == "auto" and path.is_file()):
+            load_weights(path, workpiece)
 
 
 def table_of(scenario: Scenario) -> Path | None:

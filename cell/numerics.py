@@ -55,7 +55,7 @@ def use_portable_kernels() -> None:
 
 @contextmanager
 def fast_training() -> Iterator[None]:
-    """Let MKL choose: training needs speed, and its result is a file. Processes that are started later have the profile.
+    """Let MKL choose: training needs speed, and its result is a file. Processes started later have the profile.
 
     MKL reads its variable at its first product, so this process keeps what it has by then.
     """

@@ -163,7 +163,7 @@ def trend(
             text=[labels[i] for i in mine],
             hovertemplate="%{text}: %{y:.1f} %<extra></extra>",
         )
-    figure.update_layout(**LAYOUT, height=320, showlegend=len(set(groups)) > 1)
+    figure.update_layout(**(LAYOUT | {"showlegend": len(set(groups)) > 1}), height=320)
     figure.update_xaxes(tickvals=list(range(len(labels))), ticktext=list(labels))
     figure.update_yaxes(title_text="pick success, %", range=[-4, 105])
     return figure

@@ -113,6 +113,16 @@ def test_with_the_token_page_and_websocket_work(page: Page) -> None:
         assert len(client.recv(timeout=PATIENCE)) > 0
 
 
+def test_no_other_page_may_frame_it(page: Page) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=PATIENCE)
+    for fields, status in (({}, 403), ({"Cookie": page.cookie()}, 200)):
+        connection.request("GET", "/", headers=fields)
+        answer = connection.getresponse()
+        answer.read()
+        assert answer.status == status and answer.getheader("X-Frame-Options") == "DENY"
+        connection.close()
+
+
 def test_another_page_of_the_same_browser_stays_out_with_its_cookie(page: Page) -> None:
     cookie = page.cookie()
     near = f"http://127.0.0.1:{page.port + 1}"  # a browser sends it the same cookies

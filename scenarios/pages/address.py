@@ -59,9 +59,7 @@ def listen(address: Address) -> socket.socket:
     last = port + (TRIES if host == HOST and port else 0)
     while True:
         try:
-            family, _, _, _, where = socket.getaddrinfo(
-                host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-            )[0]
+            family, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
             return socket.create_server(where[:2], family=family)
         except (OSError, OverflowError, UnicodeError) as error:
             port += 1

@@ -75,14 +75,14 @@ class Door:
             return None
         given = parse_qs(request.path.partition("?")[2]).get("token")
         if not given:
-            return _text(HTTPStatus.FORBIDDEN, "the address lacks its token; open the one that was printed at the start")
+            return _text(HTTPStatus.FORBIDDEN, "the address lacks its token; open the address that was printed")
         return await self._answer_to_token(given[0])
 
     def _foreign(self, headers: Headers) -> str:
         """Why a request cannot come from the page of a user; empty if it can."""
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not is_ours(self._host, hosts[0]):
-            return "the request names another host; open the address that was printed at the start"
+            return "the request names another host; open the address that was printed"
         if any(origin.lower() != f"http://{hosts[0].lower()}" for origin in origins):
             return "the request comes from another page"
         if "Upgrade" in headers and len(origins) != 1:

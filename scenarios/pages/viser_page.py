@@ -1,9 +1,9 @@
 """A page of viser behind its door.
 
-viser listens with `websockets`, and cannot be told who may come in, nor on which socket to listen. The door is therefore
-built on the same library: it is asked by viser's own server before the page, and there is no second, inner port that
-another user of this machine could use. A reverse proxy (aiohttp, starlette) would need one, would need the same
-intervention to close it, and would copy every picture twice.
+viser listens with `websockets`, and cannot be told who may come in, nor on which socket to listen. So the door is built
+on the same library: viser's own server asks it before the page, and there is no second, inner port that another user of
+this machine could use. A reverse proxy (aiohttp, starlette) would need such a port, would need the same intervention to
+close it, and would copy every message twice.
 """
 
 from __future__ import annotations

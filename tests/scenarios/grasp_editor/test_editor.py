@@ -329,7 +329,8 @@ def test_open_move_try_save_reopen_in_a_browser(editor: GraspEditor, table: Path
         press(browser, "Write the file")
         soon(lambda: not editor.document.changed)
         assert browser.errors == []
-        outside = [u for u in browser.requests if not u.startswith((editor.url.partition("?")[0], "data:", "blob:", "ws:", "about:"))]
+        own = (editor.url.partition("?")[0], "data:", "blob:", "ws:", "about:")
+        outside = [u for u in browser.requests if not u.startswith(own)]
         assert outside == []
     saved = read_table(table).grasps[0]
     assert (saved.name, saved.centre) == ("from_the_top", (0.009, 0.0, -0.0045))

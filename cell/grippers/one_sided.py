@@ -1,4 +1,4 @@
-"""Grippers that take a workpiece from one side: faces on a sprung slide that hold what they touch."""
+"""Cups and magnets, which take a workpiece from one side: faces on a sprung slide that hold what they touch."""
 
 from __future__ import annotations
 

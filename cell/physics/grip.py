@@ -1,4 +1,7 @@
-"""Taking, holding and letting go, the same three calls for every kind of gripper."""
+"""Taking, holding and letting go, the same three calls for every kind of gripper.
+
+How hard it grips is in the gripper's file (`cell/grippers/*.yaml`); `Arm.drive_jaws` hands a jaw's force to PyBullet.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The report's figures, drawn by plotly in the page itself; the library is embedded once, nothing is fetched."""
+"""The report's charts, drawn by plotly in the page itself; the library is embedded once, nothing is fetched.
+
+`report._figures` says which charts there are and of what; `trend` is of the index page. Bars within tables are HTML, in
+`templates/report.html.j2`.
+"""
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.perception.artificial import bar, rod
 
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.cell.workpiece.workpiece import load_workpiece
@@ -12,6 +11,7 @@ from pickproof.perception.cad.shape_model import ShapeModel, fibonacci_sphere
 from pickproof.perception.search.cad_table import CadTable, frames_of, octahedral_map, spread_samples
 from pickproof.perception.search.config import Density, SearchConfig
 from pickproof.perception.search.kernel import _cell
+from tests.perception.artificial import bar, rod
 
 
 def directions(n: int) -> np.ndarray:

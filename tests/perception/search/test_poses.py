@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
-from tests.perception.artificial import bar
 
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.search.coverage import kept_by_points, poses_at
 from pickproof.perception.search.poses import Poses, turned_alike
 from pickproof.perception.search.seeds import Seeds
+from tests.perception.artificial import bar
 
 
 def poses(R: np.ndarray, t: np.ndarray, scores: np.ndarray) -> Poses:

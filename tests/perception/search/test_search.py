@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import torch
-from tests.perception.artificial import BIN, Scene, heap, look
 
 from pickproof.cell.frames import from_rpy
 from pickproof.cell.workpiece.workpiece import load_workpiece
@@ -23,6 +22,7 @@ from pickproof.perception.search.outside import outside
 from pickproof.perception.search.poses import Poses
 from pickproof.perception.search.search import Search
 from pickproof.perception.search.slide import slid
+from tests.perception.artificial import BIN, Scene, heap, look
 
 
 @lru_cache(maxsize=1)

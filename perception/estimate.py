@@ -1,11 +1,12 @@
-"""Perception of one depth frame, in the order of the paper: normalise, extract and regress, cluster, refine, verify.
+"""Perception of one depth frame; `Perception.perceive_region` reads as the paper's pipeline (PS6D, sec. III).
 
-Without weights the search takes the place of the network; with both, the network proposes poses beside the search's.
+Takes a depth frame and the region of workpieces; gives a `RefineResult`: the paper's poses, and those after ICP and
+verification. Without weights the search takes the place of the network; with both, the network proposes poses beside
+the search's.
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,8 +26,15 @@ from pickproof.perception.ps6d.point_hierarchy import build_levels, input_points
 from pickproof.perception.ps6d.variants import cluster_config
 from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.weights import load_weights, weights_path
-from pickproof.perception.refinement.refine import RefineConfig, RefineResult, refine
+from pickproof.perception.refinement.config import RefineConfig
+from pickproof.perception.refinement.refine import (
+    RefineResult,
+    cluster_votes,
+    measured_surface,
+    register_and_verify,
+)
 from pickproof.perception.refinement.score_model import ScoreModel, score_path
+from pickproof.perception.refinement.stage_clock import StageClock
 from pickproof.perception.search.config import SearchConfig
 from pickproof.perception.search.decision import ALONE, WITH_NETWORK
 from pickproof.perception.search.proposals import Proposals
@@ -93,21 +101,35 @@ class Perception:
     def perceive_region(
         self, frame: DepthFrame, mask: np.ndarray, rng: np.random.Generator, bin: Bin | None = None
     ) -> RefineResult:
-        """The same in the pixels `mask` (h, w) bool; `bin`, where one is known, holds the workpieces."""
+        """The pipeline of the paper, then ours, where `mask` (h, w) bool says where workpieces may be.
+
+        `bin`, where one is known, holds the workpieces; the search looks at it.
+        """
+        clock, shape = StageClock(), ShapeModel.of(self.workpiece)
         if self.network is None:
             assert self.search is not None  # load
             return self.search.find(frame, mask, bin, rng)
-        clock = time.perf_counter()
+
+        # Workpiece normalisation: the cloud in units of the workpiece, about its mean
         cloud = scene_cloud(frame, mask, self.workpiece.unit)
+
+        # Network: attention-guided features, then centre and rotation of the workpiece under every voting point
         votes = self.vote(cloud, rng)
-        seconds = {"network": time.perf_counter() - clock}
+        clock.lap("network")
         if votes is None:
-            return RefineResult([], [], seconds)
+            return RefineResult([], [], clock.seconds)
         if self.search is not None:
-            result = self.search.find(frame, mask, bin, rng, Proposals(votes, self.config))
-        else:
-            result = refine(frame, self.workpiece, votes, self.config, mask, self.score_model)
-        return replace(result, seconds=seconds | result.seconds)
+            both = self.search.find(frame, mask, bin, rng, Proposals(votes, self.config))
+            return replace(both, seconds=clock.seconds | both.seconds)
+
+        # Two-stage clustering and pose voting: one pose for every category. This is the paper's result
+        clustered = cluster_votes(votes, shape, self.config.cluster)
+        clock.lap("cluster")
+
+        # Ours: hypotheses from the clusters, ICP against the depth image, verification of what it leaves
+        surface = measured_surface(frame, shape, self.config, mask)
+        clock.lap("surface")
+        return register_and_verify(clustered, surface, shape, self.config, self.score_model, clock)
 
     @torch.inference_mode()
     def vote(self, cloud: Cloud, rng: np.random.Generator) -> Votes | None:

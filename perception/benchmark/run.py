@@ -268,7 +268,7 @@ def _measure(plan: Plan, asked: BenchmarkRequest, sensor: SensorConfig, results:
 
 def _time_stages(plan: Plan, asked: BenchmarkRequest, sensor: SensorConfig, results: Results, bar: Progress) -> None:
     workpiece = plan.workpiece
-    shipped = next((m for m in plan.methods if m.rows == ("ps6d", "ps6d_refined") and m.calibrated), None)
+    shipped = next((m for m in plan.methods if m.table == "methods" and m.calibrated and m.kind == "ps6d"), None)
     if shipped is None:
         bar.console.print(f"{workpiece.name}: no stages: no weights")
         return

@@ -50,7 +50,7 @@ class Frame:
     Attributes:
         seed: of the heap.
         seen: what was measured, what is true, what was found.
-        raw, refined: scores of the paper's poses and of the verified ones.
+        raw, fitted, refined: scores of the paper's poses, of those by all votes and of the verified ones.
         instances: each true instance and the verified pose nearest to it.
         pictured: what the overlay draws.
         standing_right: (s,) bool, which of the poses without a better rival are right.
@@ -60,6 +60,7 @@ class Frame:
     seed: int
     seen: HeapFrame
     raw: FrameScore
+    fitted: FrameScore | None
     refined: FrameScore
     instances: Instances
     pictured: Pictured
@@ -73,9 +74,13 @@ def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: in
     for i, heap in enumerate(seen):
         truth, found = heap.Ts_camera_part, heap.Ts_estimated
         counted = visible_instances(heap.pixels)
-        raw, refined = (
-            score_frame(poses, truth, counted, workpiece, points=points) for poses in (_poses(heap.result.raw), found)
+        fitted = None if heap.result.fitted is None else _poses(heap.result.fitted)
+        raw, fitted_score, refined = (
+            None if poses is None else score_frame(poses, truth, counted, workpiece, points=points)
+            for poses in (_poses(heap.result.raw), fitted, found)
         )
+        assert raw is not None
+        assert refined is not None
         D = distances(found, truth, points, symmetry)
         instances = instances_of(first_seed + i, heap.visibility, counted, refined.matched, D, found, truth, symmetry)
         errors = D.min(1, initial=np.inf)
@@ -84,7 +89,7 @@ def score_frames(seen: Iterable[HeapFrame], workpiece: Workpiece, first_seed: in
         standing = np.zeros((0, 4, 4)) if examined is None else examined.Ts_camera_part[examined.standing]
         right = right_poses(standing, truth, points, workpiece)
         by_axis = axis_errors(found, truth, refined.matched, workpiece)
-        yield Frame(first_seed + i, heap, raw, refined, instances, pictured, right, by_axis)
+        yield Frame(first_seed + i, heap, raw, fitted_score, refined, instances, pictured, right, by_axis)
 
 
 def _poses(estimates: list[PoseEstimate]) -> Array:
@@ -102,8 +107,15 @@ def report_of(frames: list[Frame], method: Method = "ps6d") -> dict[str, object]
     refined = [f.refined for f in frames]
     rows = [(str(method), refined, means)]
     if method == "ps6d":
-        rows = [("ps6d", [f.raw for f in frames], raw_stages), ("ps6d_refined", refined, means)]
+        fitted = [f.fitted for f in frames if f.fitted is not None]
+        rows = [
+            ("ps6d", [f.raw for f in frames], raw_stages),
+            ("ps6d_fitted", fitted, raw_stages | {"fit": means.get("fit", 0.0)}),
+            ("ps6d_refined", refined, {k: v for k, v in means.items() if k != "fit"}),
+        ]
     for name, scores, seconds in rows:
+        if not scores:
+            continue
         s = summarise(scores)
         methods[name] = {
             "f1_inst": 100 * s.f1_inst,

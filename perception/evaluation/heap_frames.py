@@ -27,7 +27,7 @@ from pickproof.perception.data.scenes import HEAPS_FOLDER, heap_bin, load_heaps,
 from pickproof.perception.estimate import Perception, method_for, shipped_score_model
 from pickproof.perception.method import Method
 from pickproof.perception.ps6d.weights import load_weights, weights_path
-from pickproof.perception.refinement.refine import RefineResult
+from pickproof.perception.refinement.refine import RefineConfig, RefineResult
 from pickproof.perception.training.dataset import Scene
 
 
@@ -93,9 +93,8 @@ class Setup:
 
     def load(self) -> Perception:
         """Ready to perceive."""
-        return Perception.load(
-            load_workpiece(self.workpiece), self.weights, calibrated=self.calibrated, method=self.method
-        )
+        workpiece, config = load_workpiece(self.workpiece), RefineConfig.model_validate({"fit": {}})
+        return Perception.load(workpiece, self.weights, config, self.calibrated, self.method)
 
 
 def perceive_scenes(setup: Setup, scenes: Sequence[Scene], workers: int = 1) -> Iterator[HeapFrame]:

@@ -184,12 +184,14 @@ class MaxOverNeighbours(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
+        """(n, c) of x (n, k, c)."""
         largest = x.amax(dim=1)
         ctx.save_for_backward(x, largest)
         return largest
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        """Gradient (n, k, c) of a gradient (n, c): to every neighbour that has the maximum."""
         x, largest = ctx.saved_tensors
         return (x == largest[:, None]) * gradient[:, None]
 
@@ -198,6 +200,7 @@ class NarrowLinear(nn.Linear):
     """Linear from few channels: the gradient of the weight as x^T g, three times faster here than g^T x."""
 
     def forward(self, x: Tensor) -> Tensor:
+        """(..., out) of x (..., in)."""
         flat = x.reshape(-1, x.shape[-1])
         return torch.addmm(self.bias, flat, self.weight.t().contiguous()).view(*x.shape[:-1], self.out_features)
 
@@ -215,6 +218,7 @@ class Mlp(nn.Module):
         self.norm = nn.BatchNorm1d(hidden) if norm else None
 
     def forward(self, x: Tensor) -> Tensor:
+        """(n, out) of x (n, in)."""
         y = self.first(x)
         return self.second(torch.relu_(self.norm(y) if self.norm is not None else y))
 
@@ -229,6 +233,7 @@ class SetAbstraction(nn.Module):
         self.norm, self.second, self.after = nn.BatchNorm1d(out), nn.Linear(out, out), nn.BatchNorm1d(out)
 
     def forward(self, features: Tensor | None, geometry: Tensor, index: Tensor) -> Tensor:
+        """(n, out) of the finer level's features, the geometry (n, k, g) and indices (n, k) of its neighbours."""
         x = self.geometry(geometry)
         if self.features is not None and features is not None:
             x = x + gather(self.features(features), index)
@@ -247,6 +252,7 @@ class MultiScaleGrouping(nn.Module):
     def forward(
         self, features: Tensor | None, geometries: tuple[Tensor, Tensor], indices: tuple[Tensor, Tensor]
     ) -> Tensor:
+        """(n, 2 * out): as `SetAbstraction`, for near and for far neighbours."""
         near, far = self.near(features, geometries[0], indices[0]), self.far(features, geometries[1], indices[1])
         return torch.cat([near, far], dim=1)
 
@@ -264,6 +270,7 @@ class PointTransformerBlock(nn.Module):
         self.norm, self.after, self.after_norm = nn.BatchNorm1d(c), nn.Linear(c, c), nn.BatchNorm1d(c)
 
     def forward(self, x: Tensor, geometry: Tensor, index: Tensor) -> Tensor:
+        """(n, c) of x (n, c), the geometry (n, k, g) and indices (n, k) of its neighbours."""
         n, k = index.shape
         y = torch.relu_(self.before_norm(self.before(x)))
         hidden = torch.relu_(self.position.first(geometry))
@@ -294,6 +301,7 @@ class FeaturePropagation(nn.Module):
         self.norm = nn.BatchNorm1d(out)
 
     def forward(self, coarse: Tensor, fine: Tensor, geometry: Tensor, index: Tensor, weights: Tensor) -> Tensor:
+        """(n, out) of the coarse level's features, and of the fine level's (n, c) with k neighbours each."""
         x = torch.relu_(gather(self.coarse(coarse), index) + self.geometry(geometry))
         x = (x * weights[..., None]).sum(1)
         return torch.relu_(self.norm(self.merge(torch.cat([x, fine], dim=1))))
@@ -326,6 +334,7 @@ class Ps6d(nn.Module):
         self.confidence_head = Mlp(f + 6, 64, 1) if ppr else None
 
     def forward(self, cloud: Packed) -> Prediction:
+        """One vote for every voting point of the packed clouds."""
         one, two, three = cloud.levels
         transformer = self.config.backbone == "point_transformer"
         x1, x2, x3 = self._point_transformer(cloud) if transformer else self._multi_scale(cloud)

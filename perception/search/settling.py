@@ -11,7 +11,7 @@ from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.pose_estimate import PoseEstimate
 from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.voting import nearest_rotations
-from pickproof.perception.refinement.evidence import Evidence, examine, inlier_tolerance, support
+from pickproof.perception.refinement.evidence import Evidence, examine, inlier_tolerance, vote_support
 from pickproof.perception.refinement.icp import LAST, register
 from pickproof.perception.refinement.refine import Examined, RefineResult
 from pickproof.perception.refinement.rivalry import rivalry, suppress
@@ -104,7 +104,7 @@ class Settling:
         voting = at >= 0
         votes = Votes(scene.points.points[voting].astype(np.float64), t[at[voting]], R[at[voting]])
         tolerance = 2 * inlier_tolerance(scene.surface, self.config.verify)
-        counts, centres, rotations = support(poses.rotations, poses.positions, shape, tolerance, votes)
+        counts, centres, rotations = vote_support(poses.rotations, poses.positions, shape, tolerance, votes)
         evidence = replace(looked.evidence, votes=counts, centres_agree=centres, rotations_agree=rotations)
         return Looked(poses, evidence, with_votes(looked.features, evidence))
 

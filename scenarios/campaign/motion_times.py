@@ -20,7 +20,8 @@ from pickproof.cell.physics.trajectory_execution import jaw_times
 from pickproof.robots.collision.scene import CollisionScene
 from pickproof.robots.kinematics.inverse import inverse
 from pickproof.robots.kinematics.model import RobotModel
-from pickproof.robots.plan.pick_plan import PickPlan, PickRequest
+from pickproof.robots.plan.pick_plan import PickPlan
+from pickproof.robots.plan.pick_request import PathSearch, PickRequest
 from pickproof.robots.plan.time_bound import lower_bound, stop_at_each
 from pickproof.scenarios.campaign.episode import oracle_perception
 from pickproof.scenarios.config.scenario import Scenario
@@ -116,7 +117,7 @@ def _empty(cell: Workcell, seed: int, picks: int) -> Iterator[Measured]:
         plan_s, decision = _quickest(partial(decide, cell, frame, selection, state, plan_seed))
         if decision.candidate is None or decision.plan is None:
             return
-        request = request_of(cell, decision.candidate, state, plan_seed)
+        request = request_of(cell, decision.candidate, state, PathSearch(seed=plan_seed))
         scene = CollisionScene(
             cell.robot,
             cell.gripper.flange_boxes(decision.candidate.opening),
@@ -132,7 +133,7 @@ def _measured(
 ) -> Measured:
     plan, candidate = decision.plan, decision.candidate
     assert plan is not None and candidate is not None
-    place = request.Ts_base_tool_place[plan.place]
+    place = request.places.Ts_base_tool[plan.place]
     closing, opening = jaw_times(
         cell.arm.jaw,
         candidate.opening,
@@ -158,25 +159,25 @@ def _carry_out(
     plan, candidate = decision.plan, decision.candidate
     assert plan is not None and candidate is not None
     distances = np.linalg.norm(cell.world.part_poses()[:, :3, 3] - T_world_part[:3, 3], axis=1)
-    T_world_placed = request.Ts_base_tool_place[plan.place] @ invert(candidate.T_part_tool)
+    T_world_placed = request.places.Ts_base_tool[plan.place] @ invert(candidate.T_part_tool)
     cell.world.place_part(int(np.argmin(distances)), T_world_placed)
     cell.world.run_until_rest(2.0)
     state.placed.add(T_world_placed, state.place.fall)
     state.place.fill(plan.place)
     state.waits_at = plan.carry.q[-1]
-    state.opened = release_opening(cell, cell.new_place(), candidate.opening, request.Ts_base_tool_place[plan.place])
+    state.opened = release_opening(cell, cell.new_place(), candidate.opening, request.places.Ts_base_tool[plan.place])
 
 
 def _ik_time(robot: RobotModel, request: PickRequest) -> float:
     """Of one flange pose among 1,000, in [s]."""
-    Ts = request.Ts_base_tool_place @ invert(request.T_flange_tool)
+    Ts = request.places.Ts_base_tool @ invert(request.hand.T_flange_tool)
     Ts = np.concatenate([Ts] * (1000 // len(Ts) + 1))[:1000]
     return _quickest(lambda: inverse(robot, Ts, request.q_start))[0] / len(Ts)
 
 
 def _collision_time(scene: CollisionScene, request: PickRequest, plan: PickPlan) -> float:
     """Of one check of arm, tool and held part on the way to the place, in [s]."""
-    scene.hold(request.held.seen_from(request.T_flange_tool))
+    scene.hold(request.part.held.seen_from(request.hand.T_flange_tool))
     rows = plan.carry.q[:: max(1, len(plan.carry.q) // 50)]
     seconds, _ = _quickest(lambda: [scene.free(q) for q in rows])
     scene.release()

@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 from pickproof.scenarios.commands.arguments import Flat, Workers, about, integer
 from pickproof.scenarios.commands.invocation import command_line
 
-Method = Literal["ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_refined", "search", "both"]
+Method = Literal["ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_fitted", "ps6d_refined", "search", "both"]
 """`perception.benchmark.methods.METHODS` as a type; a test holds them equal."""
-METHODS: tuple[Method, ...] = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_refined", "search", "both")
+METHODS: tuple[Method, ...] = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_fitted", "ps6d_refined", "search", "both")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,5 +32,5 @@ def sample(
     if not points:
         raise InputError("command line", "workpiece", part.name, f"one that {hand.name} can hold")
     how = f"{part.name} --gripper {hand.name} --count {count} --seed {seed} --least {least:g}"
-    comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/grasping.md."
+    comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/reference/grasps-file.md."
     return write_text(table_text(points, hand.name, comment), out)

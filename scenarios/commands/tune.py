@@ -131,6 +131,7 @@ def _search(plan: Plan, console: Any) -> Result:
     from pickproof.scenarios.campaign.episode import run_episode
     from pickproof.scenarios.campaign.parallel_map import mapping
     from pickproof.scenarios.tuning.optimizer import open_journal
+    from pickproof.scenarios.tuning.plan import Runners
     from pickproof.scenarios.tuning.run import run_plan
 
     columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()]
@@ -142,7 +143,7 @@ def _search(plan: Plan, console: Any) -> Result:
                 stages[stage] = bar.add_task(stage, total=None)
             bar.update(stages[stage], completed=done, total=total or None)
 
-        return run_plan(plan, open_journal(plan.out), run, run_episode, tell)
+        return run_plan(plan, open_journal(plan.out), Runners(run, run_episode, tell=tell))
 
 
 def _print_cells(plan: Plan, result: Result, console: Any) -> None:

@@ -38,7 +38,8 @@ class Stage:
 
     Attributes:
         success, clearance: gain of the rate; None where an arm never moved.
-        bootstrap95: of the success gained, by cluster bootstrap over episodes; too narrow for few (docs/statistics.md).
+        bootstrap95: of the success gained, by cluster bootstrap over episodes; too narrow for few
+            (docs/explanation/attribution.md).
         most: share of the bootstrap's campaigns in which this stage costs success, and more than any other.
         no_picks: before and after.
     """

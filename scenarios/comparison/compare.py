@@ -1,4 +1,4 @@
-"""`pickproof compare A B`: two campaigns over the same bins, paired by seed; docs/statistics.md says how."""
+"""`pickproof compare A B`: two campaigns over the same bins, paired by seed (docs/explanation/statistics.md)."""
 
 from __future__ import annotations
 

@@ -47,6 +47,7 @@ class BinConfig(Config):
         return self
 
     def build(self, name: str) -> Bin:
+        """The bin, where it stands in the world."""
         return Bin(name, self.inner, self.wall, self.position, self.yaw)
 
 
@@ -59,6 +60,7 @@ class TableConfig(Config):
     )
 
     def build(self) -> Box:
+        """The table as a box in the world."""
         return table(self.size, self.centre_top)
 
 
@@ -81,18 +83,20 @@ class CameraConfig(Config):
 
     @property
     def intrinsics(self) -> Intrinsics:
+        """The pinhole model of the camera."""
         return Intrinsics.from_fov(self.width, self.height, float(np.deg2rad(self.fov_deg)))
 
     @property
     def T_world_camera(self) -> Array:
+        """Pose (4, 4) of the camera, which looks at `target`."""
         return look_at(np.array(self.eye), np.array(self.target))
 
 
 class PhysicsConfig(Config):
-    """Settings of the physics (docs/cell.md says why these)."""
+    """Settings of the physics (docs/explanation/physics.md says why these)."""
 
     timestep: float = Field(default=1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
-    solver_iterations: int = Field(default=50, ge=1, le=500)
+    solver_iterations: int = Field(default=50, ge=1, le=500, description="of each step")
 
 
 class PerceptionConfig(Config):
@@ -156,7 +160,7 @@ class Scenario(Config):
         default=0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ..."
     )
     robot: str = Field(default="lrmate200id", description="a folder of robots/")
-    gripper: str = "jaw_v1"
+    gripper: str = Field(default="jaw_v1", description="name of a shipped gripper, or the path of its YAML file")
     grasps: str = Field(
         default="",
         description="file of grasp points in place of the workpiece's grasps.yaml; from this file's folder",

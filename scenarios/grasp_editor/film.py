@@ -120,6 +120,7 @@ class HeapCell:
         self._clouds = apply(self.truth.Ts_world_part, points)
 
     def close(self) -> None:
+        """Close the physics."""
         self._grasp_oracle.close()
 
     def try_grasp(self, point: GraspPoint) -> Outcome:

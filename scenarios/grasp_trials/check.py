@@ -17,7 +17,7 @@ from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.candidates import GraspCandidate, PartEstimates, PickScene, select
 from pickproof.grasping.grasp_points import GraspPoint, expand
 from pickproof.grasping.ranking import GraspingConfig
-from pickproof.scenarios.grasp_trials.trial import FREE, TrialCell, robust_share
+from pickproof.scenarios.grasp_trials.trial import FREE, PlacedGrasp, TrialCell, robust_share
 
 NOTHING = np.zeros((0, 3))
 IN_THE_AIR = 0.5
@@ -51,7 +51,7 @@ def check_grasp_points(
 
 
 def tried(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint], least: float = 0.5) -> list[GraspPoint]:
-    """Of proposed grasp points those that bear more than the share `least` of pose errors, most robust first."""
+    """Of proposed grasp points those that tolerate more than the share `least` of pose errors, most robust first."""
     kept = []
     with closing(TrialCell(workpiece, gripper)) as cell:
         resting = cell.resting_poses()
@@ -150,14 +150,14 @@ def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
     """
     jaws = isinstance(cell.gripper, ParallelJaw)
     for k, (best, *_) in lying(point, resting, cell.workpiece, cell.gripper, turned=not jaws):
-        return robust_share(cell, resting[k], best.T_world_tool, best.opening)
+        return robust_share(cell, PlacedGrasp(resting[k], best.T_world_tool, best.opening))
     if not jaws:
         return 0.0
     poses = expand((point,), cell.workpiece)
     first = int(np.argmin(poses.depth_rank + poses.offset))
     T_world_tool = make_transform(t=(0.0, 0.0, IN_THE_AIR)) @ about_axis((1, 0, 0), np.array(np.pi))
     T_world_part = T_world_tool @ invert(poses.Ts_part_tool[first])
-    return robust_share(cell, T_world_part, T_world_tool, float(poses.openings[first]), afloat=True)
+    return robust_share(cell, PlacedGrasp(T_world_part, T_world_tool, float(poses.openings[first]), weightless=True))
 
 
 def _leaning(point: GraspPoint) -> GraspPoint:

@@ -16,8 +16,9 @@ from pickproof.cell.child_process import FOLDERS, child_environment
 from pickproof.cell.errors import InputError
 from pickproof.cell.mesh.read import read_checked
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
-from pickproof.cell.workpiece.workpiece import SHIPPED, load_workpiece, search_path
+from pickproof.cell.workpiece.workpiece import load_workpiece, search_path
 from pickproof.scenarios.config.scenario import OF_WORKPIECE, load_scenario
+from pickproof.scenarios.config.shipped import WORKPIECES
 from pickproof.scenarios.files.atomic import write_json, write_whole
 from pickproof.scenarios.files.grasps_text import table_text
 from pickproof.scenarios.onboarding.page import listed_degrees, page, record, symmetry_lines
@@ -65,7 +66,7 @@ class Target:
     @property
     def hides_shipped(self) -> bool:
         """A shipped workpiece has the same name and is found later than this one."""
-        return (SHIPPED / self.folder.name).is_dir()
+        return (WORKPIECES / self.folder.name).is_dir()
 
 
 def target_of(name: str, replace: bool) -> Target:
@@ -77,7 +78,7 @@ def target_of(name: str, replace: bool) -> Target:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
         raise InputError("command line", "--name", name, "letters, digits, _ and -")
     root = search_path()[0]
-    if root == SHIPPED:
+    if root == WORKPIECES:
         root = DEFAULT
     folder = root / name
     if folder.exists() and not replace:
@@ -158,7 +159,7 @@ def _equip(asked: Onboarding, part: Part, folder: Path, begun: float, say: Say) 
     held = find_grasps(workpiece, part.heap, say)
     fields, reasons = scenario_fields(workpiece, held, part.heap)
     if held.gripper is not None:
-        comment = f"Proposed by `pickproof onboard` for {held.gripper.name}; schema: docs/grasping.md."
+        comment = f"Proposed by `pickproof onboard` for {held.gripper.name}; schema: docs/reference/grasps-file.md."
         text = table_text(list(held.points), held.gripper.name, comment)
         (folder / "grasps.yaml").write_text(text, encoding="utf-8")
     if fields:

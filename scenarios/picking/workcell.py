@@ -17,7 +17,7 @@ from pickproof.cell.physics.arm import Arm
 from pickproof.cell.physics.bin_filling import fill_bin
 from pickproof.cell.physics.observation import Snapshot, observe
 from pickproof.cell.physics.world import World
-from pickproof.cell.sensing.camera import DepthFrame, render
+from pickproof.cell.sensing.camera import DepthFrame, RenderOptions, render
 from pickproof.cell.sensing.sensor_model import measure
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.grasping.grasp_points import load_grasps
@@ -133,8 +133,7 @@ class Workcell(CellModel):
             self.obstacles,
             camera.intrinsics,
             camera.T_world_camera,
-            sensor.projector_offset,
-            reflections=sensor.sees_reflections(self.workpiece.optics),
+            RenderOptions(sensor.projector_offset, sensor.sees_reflections(self.workpiece.optics)),
         )
         frame = measure(exact, camera.intrinsics, camera.T_world_camera, sensor, rng, self.workpiece.optics)
         return frame, exact.ids

@@ -1,4 +1,4 @@
-"""Intervals for a pick success rate and for the difference of two, docs/statistics.md says how far to trust them.
+"""Intervals for a pick success rate and for the difference of two (docs/explanation/statistics.md).
 
 Picks of one bin are not independent: a heap that is hard to pick is hard more than once. `wilson` ignores that,
 `cluster_interval` does not. Both stay inside [0, 1] and neither has width 0, whatever the counts.
@@ -44,7 +44,7 @@ def cluster_interval(successes: Sequence[int], attempts: Sequence[int]) -> tuple
     The hull of Wilson's interval and the equal-tailed posterior interval of the mean of a beta-binomial
     distribution, with Jeffreys' prior for the mean and `ICC_PRIOR` for the correlation, which few episodes or
     few failures cannot show. In simulation it covers where a cluster bootstrap, percentile or BCa, does not
-    (docs/statistics.md).
+    (docs/explanation/statistics.md).
 
     Args:
         successes, attempts: of each episode; episodes without an attempt say nothing.

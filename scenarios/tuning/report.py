@@ -25,9 +25,9 @@ from pickproof.scenarios.reporting.part_pictures import moved_picture
 from pickproof.scenarios.results.summary import percent
 from pickproof.scenarios.tuning.cell_stage import CELL
 from pickproof.scenarios.tuning.figures import best_so_far, cells, importance_of_cells, importance_of_grasps
+from pickproof.scenarios.tuning.grasp_space import grip_axes
 from pickproof.scenarios.tuning.plan import Plan
 from pickproof.scenarios.tuning.run import Result
-from pickproof.scenarios.tuning.search_space import grip_axes
 
 REPORT = "tune.html"
 

@@ -2,7 +2,7 @@
 
 In the real physics, over the same bins: the system as shipped and with each fault of planted_faults.py against the
 baseline of the shipped one, then four campaigns each with one stage more replaced by ground truth. The same command
-again goes on; docs/statistics.md has the figures.
+again goes on; docs/explanation/attribution.md has the figures.
 """
 
 from __future__ import annotations

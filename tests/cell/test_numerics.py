@@ -32,6 +32,7 @@ def run(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_room_fixes_the_kernels_before_numpy(room: str) -> None:
     code = (

@@ -66,6 +66,7 @@ def heap(choose: Chooser, n: int, seed: int) -> Array:
     return choose.source.T_world_bin @ make_transform(random_rotations(n, rng), t)
 
 
+@pytest.mark.slow
 def test_no_verdict_is_cut(choose: Chooser) -> None:
     assert np.array(list(Verdict), dtype=VERDICTS).tolist() == [str(v) for v in Verdict]
     assert choose(choose.lying()[None]).verdicts[0].dtype == VERDICTS

@@ -29,6 +29,8 @@ from pickproof.perception.ps6d.weights import save_weights, weights_path
 from pickproof.scenarios.commands.cli import main
 from tests.perception.small_heaps import bracket, fill_folder, small_heaps
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -102,6 +104,9 @@ def test_ps6d_sees_what_an_evaluation_sees() -> None:
     detections = seen_by_ps6d(0)["methods", "ps6d_refined"].detections
     np.testing.assert_array_equal(detections.Ts_pred, result.Ts_estimated)
     np.testing.assert_array_equal(detections.scores, [e.score for e in result.result.estimates])
+    fitted = seen_by_ps6d(0)["methods", "ps6d_fitted"].detections
+    np.testing.assert_array_equal(fitted.scores, [e.score for e in result.result.fitted or ()])
+    assert len(fitted.scores) > 0
     raw = seen_by_ps6d(0)["methods", "ps6d"].detections
     np.testing.assert_array_equal(raw.scores, [e.score for e in result.result.raw])
     before, after = (figures([seen_by_ps6d(0)["methods", row]], bracket()) for row in ("ps6d", "ps6d_refined"))

@@ -9,6 +9,8 @@ import pytest
 from pickproof.scenarios.campaign.motion_times import Measured, summary
 from pickproof.scenarios.commands.cli import main
 
+pytestmark = pytest.mark.slow
+
 
 def measured(steady: bool, motion: float, plan_s: float = 0.05) -> Measured:
     return Measured(steady, motion, 0.3, 1.0, 2.5, plan_s, 1e-5, 3e-5)

@@ -15,6 +15,8 @@ from pickproof.scenarios.commands.registry import GROUPS
 from pickproof.scenarios.files.atomic import free_folder
 from pickproof.scenarios.results.store import FILE, Store
 
+pytestmark = pytest.mark.slow
+
 FAKE = [sys.executable, str(Path(__file__).parents[1] / "fake_cli.py")]
 SMALL = ["--set", "count=6", "--set", "stop.attempt_limit=20"]
 KEYS = {

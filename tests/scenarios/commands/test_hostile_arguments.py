@@ -15,6 +15,8 @@ from pickproof.scenarios.commands.arguments import parse_number as number
 from pickproof.scenarios.files.atomic import write_whole
 from tests.fuzzing.arguments import check, furnish
 
+pytestmark = pytest.mark.slow
+
 REFUSED = (
     "train bracket --minutes nan",
     "train bracket --minutes -1",

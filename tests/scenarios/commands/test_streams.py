@@ -16,6 +16,8 @@ from pickproof.scenarios.comparison.baseline import baseline_of, write_baseline
 from pickproof.scenarios.config.scenario import load_scenario
 from tests.scenarios.planted_episode import write_campaign
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parents[1]
 FAKE = [sys.executable, str(HERE / "fake_cli.py")]
 PLANTED = [sys.executable, str(HERE / "planted_cli.py")]

@@ -28,6 +28,8 @@ from pickproof.scenarios.onboarding.part import search_symmetry, understand, wri
 from pickproof.scenarios.picking.workcell import check_inputs
 from tests.cell.workpiece.part_shapes import extruded, mesh_of, polygon
 
+pytestmark = pytest.mark.slow
+
 ORACLE = frozenset({"perception"})
 OPTIONS = OnboardOptions(unit="mm", name="x")
 

@@ -21,6 +21,8 @@ from pickproof.scenarios.results.records import AttemptRecord
 from pickproof.scenarios.results.store import FILE, Store
 from tests.scenarios.planted_episode import write_campaign
 
+pytestmark = pytest.mark.slow
+
 NOBODY = 65534
 ATTEMPTS = 12
 

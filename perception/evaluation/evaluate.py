@@ -103,7 +103,7 @@ def report_of(frames: list[Frame], method: Method = "ps6d") -> dict[str, object]
     for frame in frames:
         for stage, t in frame.seen.result.seconds.items():
             means[stage] = means.get(stage, 0.0) + t / len(frames)
-    raw_stages = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
+    raw_stages: dict[str, float] = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
     refined = [f.refined for f in frames]
     rows = [(str(method), refined, means)]
     if method == "ps6d":

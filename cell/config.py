@@ -113,7 +113,7 @@ def yaml_text(data: Any) -> str:
     writer.Representer = _Representer
     writer.default_flow_style = None
     writer.width = 120
-    writer.sort_base_mapping_type_on_output = False
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
     stream = io.StringIO()
     writer.dump(data, stream)
     return stream.getvalue()

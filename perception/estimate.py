@@ -103,12 +103,12 @@ class Perception:
     ) -> RefineResult:
         """The pipeline of the paper, then ours, where `mask` (h, w) bool says where workpieces may be.
 
-        `bin`, where one is known, holds the workpieces; the search looks at it.
+        `bin`, where one is known, holds the workpieces.
         """
-        clock, shape = StageClock(), ShapeModel.of(self.workpiece)
         if self.network is None:
             assert self.search is not None  # load
             return self.search.find(frame, mask, bin, rng)
+        clock, shape = StageClock(), ShapeModel.of(self.workpiece)
 
         # Workpiece normalisation: the cloud in units of the workpiece, about its mean
         cloud = scene_cloud(frame, mask, self.workpiece.unit)
@@ -119,8 +119,8 @@ class Perception:
         if votes is None:
             return RefineResult([], [], clock.seconds)
         if self.search is not None:
-            both = self.search.find(frame, mask, bin, rng, Proposals(votes, self.config))
-            return replace(both, seconds=clock.seconds | both.seconds)
+            result = self.search.find(frame, mask, bin, rng, Proposals(votes, self.config))
+            return replace(result, seconds=clock.seconds | result.seconds)
 
         # Two-stage clustering and pose voting: one pose for every category. This is the paper's result
         clustered = cluster_votes(votes, shape, self.config.cluster)

@@ -104,18 +104,14 @@ def report_of(frames: list[Frame], method: Method = "ps6d") -> dict[str, object]
         for stage, t in frame.seen.result.seconds.items():
             means[stage] = means.get(stage, 0.0) + t / len(frames)
     raw_stages: dict[str, float] = {stage: means[stage] for stage in ("network", "cluster") if stage in means}
-    refined = [f.refined for f in frames]
-    rows = [(str(method), refined, means)]
+    fitted = [f.fitted for f in frames if f.fitted is not None]
+    refined, without_fit = [f.refined for f in frames], {k: v for k, v in means.items() if k != "fit"}
+    rows = [(str(method), refined, without_fit)]
     if method == "ps6d":
-        fitted = [f.fitted for f in frames if f.fitted is not None]
-        rows = [
-            ("ps6d", [f.raw for f in frames], raw_stages),
-            ("ps6d_fitted", fitted, raw_stages | {"fit": means.get("fit", 0.0)}),
-            ("ps6d_refined", refined, {k: v for k, v in means.items() if k != "fit"}),
-        ]
+        rows = [("ps6d", [f.raw for f in frames], raw_stages), ("ps6d_refined", refined, without_fit)]
+        if fitted:
+            rows.insert(1, ("ps6d_fitted", fitted, raw_stages | {"fit": means.get("fit", 0.0)}))
     for name, scores, seconds in rows:
-        if not scores:
-            continue
         s = summarise(scores)
         methods[name] = {
             "f1_inst": 100 * s.f1_inst,

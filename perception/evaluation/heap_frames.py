@@ -93,8 +93,8 @@ class Setup:
 
     def load(self) -> Perception:
         """Ready to perceive."""
-        workpiece, config = load_workpiece(self.workpiece), RefineConfig.model_validate({"fit": {}})
-        return Perception.load(workpiece, self.weights, config, self.calibrated, self.method)
+        config = RefineConfig.model_validate({"fit": {}})
+        return Perception.load(load_workpiece(self.workpiece), self.weights, config, self.calibrated, self.method)
 
 
 def perceive_scenes(setup: Setup, scenes: Sequence[Scene], workers: int = 1) -> Iterator[HeapFrame]:

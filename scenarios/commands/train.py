@@ -45,14 +45,13 @@ def train(
     """`pickproof train WORKPIECE`."""
     from rich.console import Console
 
-    from pickproof.cell.numerics import use_fast_training
+    from pickproof.cell.numerics import fast_training
     from pickproof.cell.workpiece.workpiece import load_workpiece
     from pickproof.perception.ps6d.variants import network_config
     from pickproof.perception.training.train import init_path, put_to_use, weights_of
     from pickproof.perception.training.train import train as train_network
     from pickproof.perception.training.trainer import TrainConfig
 
-    use_fast_training()
     part = load_workpiece(workpiece)
     network = network_config(options.variant, part)
     given = options.source().scenes(part, os.cpu_count() or 1)
@@ -71,7 +70,8 @@ def train(
     suffix = f"-{options.variant}" if options.variant != "ps6d" else ""
     out = options.out or Path("out") / "train" / (part.name + suffix)
     console = Console()
-    path = train_network(part, config, out, options.resume, console, shortest(workpiece, options), given)
+    with fast_training():
+        path = train_network(part, config, out, options.resume, console, shortest(workpiece, options), given)
     console.print(f"weights: {path}\ncurves:  {out / 'curves.png'}")
     console.print(put_to_use(path, weights_of(part, options.variant)), soft_wrap=True)
     return 0

@@ -196,7 +196,7 @@ def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) ->
 def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[str, Any], dict[str, str]]:
     """A scenario for the part, and the reasons; empty where no gripper or no arm does."""
     if held.gripper is None:
-        return {}, {"gripper": "no shipped gripper holds it; write grasps.yaml for yours (docs/reference/grasps-file.md)"}
+        return {}, {"gripper": "no shipped gripper holds it; docs/reference/grasps-file.md says how to write grasps"}
     fields, reasons = propose_cell(workpiece, held.gripper, heap)
     if fields:
         fields = {"name": workpiece.name, "workpiece": workpiece.name, "seed": 0, **fields}

@@ -90,7 +90,6 @@ def bin_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.F
     ny, nx = tried.shape
     with np.errstate(invalid="ignore"):
         rate = np.where(tried > 0, 100 * good / np.maximum(tried, 1), np.nan)
-    text = [[f"{g}/{n}" if n else "" for g, n in zip(*rows, strict=True)] for rows in zip(good, tried, strict=True)]
     half_x, half_y = 500 * inner[0], 500 * inner[1]  # [mm]
     figure = go.Figure(
         go.Heatmap(

@@ -28,6 +28,7 @@ class Field:
 
     @property
     def parameter(self) -> Parameter:
+        """The field as a parameter of the search."""
         return Parameter(self.name, self.low, self.high, self.start, self.integer)
 
 

@@ -74,6 +74,15 @@ def test_the_switch_leaves_the_libraries_alone() -> None:
     assert run(code, **{numerics.SWITCH: "native"}) == "native None"
 
 
+def test_training_leaves_the_profile_to_what_is_started_after_it() -> None:
+    code = (
+        "import pickproof, os; from pickproof.cell.numerics import fast_training, has_profile, profile\n"
+        "with fast_training(): print(os.environ.get('MKL_CBWR'), end=' ')\n"
+        "print(os.environ.get('MKL_CBWR'), has_profile(profile()))"
+    )
+    assert run(code) == "None COMPATIBLE True"
+
+
 def test_a_processor_without_avx2_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(numerics.SWITCH, raising=False)
     monkeypatch.setattr(numerics, "_processor_flags", lambda: frozenset({"sse4_2", "fma"}))

@@ -20,7 +20,7 @@ def compare(
     from rich.console import Console
 
     from pickproof.scenarios.comparison.compare import compare as compare_campaigns
-    from pickproof.scenarios.comparison.compare import print_comparison
+    from pickproof.scenarios.comparison.compare_text import print_comparison
     from pickproof.scenarios.files.atomic import write_json
 
     comparison = compare_campaigns(a, b)

@@ -148,7 +148,7 @@ def _search(plan: Plan, console: Any) -> Result:
 
 def _print_cells(plan: Plan, result: Result, console: Any) -> None:
     """What whole cells say about the proposal."""
-    from pickproof.scenarios.comparison.compare import print_comparison
+    from pickproof.scenarios.comparison.compare_text import print_comparison
     from pickproof.scenarios.tuning.cell_stage import CELL
 
     if result.comparison is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pickproof.scenarios.comparison.compare import Difference, cleared_of, counts_of, difference_of, points, span
+from pickproof.scenarios.comparison.difference import Difference, cleared_of, counts_of, difference_of, points, span
 from pickproof.scenarios.comparison.paired import Outcome, same_seeds
 from pickproof.scenarios.config.oracles import ORACLES
 from pickproof.scenarios.results.records import NO_PICK_REASONS, Reason

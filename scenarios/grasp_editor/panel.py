@@ -62,7 +62,6 @@ class Actions(Protocol):
         """Show the film at a time [s]."""
 
 
-
 class Panel:
     """Builds the panel on a viser server and writes into it."""
 

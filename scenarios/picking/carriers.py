@@ -34,7 +34,6 @@ class Planner(Protocol):
         """The pick of a candidate, or where planning ended."""
 
 
-
 class Carrier(Protocol):
     """What carries the gripper.
 

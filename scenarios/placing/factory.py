@@ -55,7 +55,6 @@ class Place(Protocol):
         """Whether a rest `off` [m] and `turned` [rad] from the wanted pose is within the tolerance."""
 
 
-
 def place_of(scenario: Scenario, bin: Bin, workpiece: Workpiece, gripper: Gripper) -> Place:
     """The plan of places of a scenario, nothing placed yet."""
     if isinstance(scenario.place, PatternPlace):

@@ -22,7 +22,7 @@ SMALL = ["--set", "count=6", "--set", "stop.attempt_limit=20"]
 KEYS = {
     "scenario", "scenario_hash", "weights_hash", "inputs_hash", "seed", "episodes", "oracle", "attempts", "successes",
     "success_rate", "wilson95", "cluster95", "clearance", "no_picks", "reasons", "ends", "cycle_s", "picks_per_hour",
-    "wall_s", "wall_per_attempt_s", "record_hash",
+    "wall_s", "wall_per_attempt_s", "record_hash", "parts_left_per_episode",
 }  # fmt: skip
 
 

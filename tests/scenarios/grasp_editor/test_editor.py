@@ -109,7 +109,7 @@ def test_a_broken_file_is_shown_and_its_mending_noticed(table: Path) -> None:
     table.write_text("gripper: [")
     built = GraspEditor(BRACKET, JAW, table, port=0)
     try:
-        assert "cannot be edited" in shown(built) and "syntax error" in shown(built)
+        assert "cannot be edited" in shown(built) and "valid YAML" in shown(built)
         built.act("add")
         built.act("save")
         assert table.read_text() == "gripper: ["
@@ -124,7 +124,7 @@ def broken_while_edited(editor: GraspEditor, table: Path) -> tuple[str, str]:
     """The file's text before another program broke it, and what is being edited in the page since."""
     whole = table.read_text()
     table.write_text("gripper: [")
-    soon(lambda: "syntax error stands there). Mend it" in shown(editor))
+    soon(lambda: "correct the syntax there. Mend it" in shown(editor))
     editor.act("on / off")
     return whole, editor.document.text
 

@@ -62,7 +62,7 @@ def test_full_speed_moves_keep_the_torque_limits_with_the_payload(name: str) -> 
 def test_the_payload_is_checked() -> None:
     robot = load_robot("lrmate200id")
     assert overload(robot, Load(7.0, np.zeros(3))) == ""
-    assert overload(robot, Load(7.5, np.zeros(3))) == "7.5 kg is more than the payload of 7.0 kg"
+    assert overload(robot, Load(7.5, np.zeros(3))) == "7.5 kg exceeds the payload of 7.0 kg"
 
 
 def test_what_the_arm_may_not_carry_is_one_line_before_anything_moves() -> None:

@@ -1,4 +1,4 @@
-"""`pickproof grasps edit WORKPIECE`: grasps moved, judged, tried and saved on a page in the browser."""
+"""`pickproof grasps edit WORKPIECE`: move, check, try and save grasps in the browser."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def edit(
     grasps: Annotated[Path | None, FILE_TO_WRITE, about("default: the workpiece's grasps.yaml")] = None,
     port: Annotated[int, integer(0, 65535), about("of the page")] = 8080,
     host: Annotated[str, about("address to listen on; others than the default need the token")] = HOST,
-    token: Annotated[str | None, about("of the page on another --host; default: drawn at random")] = None,
+    token: Annotated[str | None, about("token of the page on another --host; default: random")] = None,
 ) -> int:
     """`pickproof grasps edit WORKPIECE`."""
     from rich.console import Console
@@ -37,7 +37,7 @@ def edit(
     if path.exists() and not path.is_file():
         raise InputError("command line", "--grasps", str(path), "a regular file")
     if path.is_file() and path.stat().st_size:
-        read_yaml(path)  # what is no YAML is no table that can be edited
+        read_yaml(path)  # only valid YAML can be edited
     given = token or (None if host == HOST else secrets.token_urlsafe(16))
     editor = GraspEditor(part, hand, path, port, host, given)
     Console().print(f"editing {path}\nopen {editor.url} in a browser; Ctrl-C ends", soft_wrap=True)

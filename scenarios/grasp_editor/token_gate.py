@@ -1,7 +1,7 @@
-"""A door before a page of this machine for those who know a token, so that it can be looked at from elsewhere.
+"""A proxy that gives access to a local page from other machines with a token.
 
-The page itself listens on the loopback interface. Whoever comes with `/?token=...` gets a cookie, which every later
-connection must bring. One HTTP request comes per connection, for the page's server closes each after its answer.
+The page itself listens on the loopback interface. A request with `/?token=...` gets a cookie, which every later
+connection must send. Each connection has one HTTP request, because the page's server closes it after the answer.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ PATIENCE = 20.0  # [s] for a request to arrive
 
 
 def reached_at(host: str) -> str:
-    """How an address writes the host at which others reach what listens on `host`.
+    """The host name or address under which other machines reach a server that listens on `host`.
 
-    Of "all addresses" it is the one from which this machine would answer another network, or else its name.
+    For "all addresses" it is the address of the default route, or else the machine's name.
     """
     if host in ("0.0.0.0", "::"):
         family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
         try:
-            with socket.socket(family, socket.SOCK_DGRAM) as asking:  # asks the routing table, sends nothing
+            with socket.socket(family, socket.SOCK_DGRAM) as asking:  # reads the routing table, sends nothing
                 asking.connect(("192.0.2.1" if family == socket.AF_INET else "2001:db8::1", 9))
                 host = asking.getsockname()[0]
         except OSError:
@@ -36,7 +36,7 @@ def reached_at(host: str) -> str:
 
 
 class TokenGate:
-    """Listens on `host` and passes to a port of 127.0.0.1 what carries the token; close it after use.
+    """Listens on `host` and forwards requests with the token to a port of 127.0.0.1; close it after use.
 
     Attributes:
         port: on which it listens.
@@ -60,7 +60,7 @@ class TokenGate:
         self._thread.start()
 
     def close(self) -> None:
-        """Listen no more, and end what is open."""
+        """Stop listening, and close open connections."""
         asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result(5)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(5)
@@ -86,12 +86,12 @@ class TokenGate:
             else:
                 await self._pass_on(head, reader, writer)
         except (TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError):
-            return  # whoever it was went away, or does not speak HTTP
+            return  # the client closed the connection or does not speak HTTP
         finally:
             writer.close()
 
     def _given(self, head: bytes) -> tuple[bool, bool]:
-        """Whether a request carries the token, and whether it does so in its cookie."""
+        """Whether a request has the token, and whether it has it in its cookie."""
         lines = head.decode("latin-1").split("\r\n")
         parts = (line.partition(":") for line in lines[1:])
         fields = {name.strip().lower(): value.strip() for name, _, value in parts}

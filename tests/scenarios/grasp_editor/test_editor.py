@@ -56,7 +56,7 @@ def test_a_drag_is_judged_while_it_lasts_and_is_one_change_when_it_ends(editor: 
     begun = editor.document.text
     T = frame_of(editor.document.points[0])
     editor._dragged(T @ make_transform(t=(0.006, 0.0, 0.0)), "start")
-    soon(lambda: "would go into the part" in editor._panel._verdict.content)
+    soon(lambda: "would penetrate the part" in editor._panel._verdict.content)
     assert editor.document.text == begun
     editor._dragged(T @ make_transform(t=(0.0, 0.004, 0.0)), "end")
     soon(lambda: editor.document.text != begun)
@@ -300,7 +300,9 @@ def test_open_move_try_save_reopen_in_a_browser(editor: GraspEditor, table: Path
     comments = [line.partition("#")[2] for line in table.read_text().splitlines() if "#" in line]
     with Browser(tmp_path, 800, 600) as browser:
         browser.open(editor.url)
-        browser.until("document.body.innerText.includes('of its 234 poses 234 leave the gripper room')", PATIENCE)
+        browser.until(
+            "document.body.innerText.includes('234 of its 234 poses are free of collisions with the part')", PATIENCE
+        )
         browser.picture(tmp_path / "page.png")  # once it is drawn, the mouse finds something
         drag_handle(browser, editor, 1)
         soon(lambda: editor.document.changed)

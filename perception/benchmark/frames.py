@@ -144,7 +144,7 @@ def stages_of(setup: Setup, indices: list[int], heaps: list[Array]) -> dict[str,
 
     see(indices[0], heaps[0])  # the first frame of a process warms up
     seen = [see(i, poses) for i, poses in zip(indices, heaps, strict=True)]
-    names = dict.fromkeys(stage for s in seen for stage in s.result.seconds)
+    names = dict.fromkeys(stage for s in seen for stage in s.result.seconds if stage != "fit")  # only for figures
     seconds = {name: float(np.mean([s.result.seconds.get(name, 0.0) for s in seen])) for name in names}
     return {
         "frames": len(seen),

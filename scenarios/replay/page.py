@@ -13,8 +13,10 @@ import trimesh
 from pickproof.cell.frames import Array, to_quat_xyzw
 from pickproof.grasping.verdict import CHOSEN, MEANING, Verdict
 from pickproof.robots.kinematics.links import LinkShape
+from pickproof.scenarios.pages.address import Address
+from pickproof.scenarios.pages.viser_page import serve
 from pickproof.scenarios.replay.data import Replayed
-from pickproof.scenarios.replay.viser_scene import HOST, add_box, move, pose_of, serve
+from pickproof.scenarios.replay.viser_scene import add_box, move, pose_of
 
 RANKED = "ranked candidates"
 COLOURS: dict[str, tuple[int, int, int]] = {
@@ -43,15 +45,14 @@ class ReplayPage:
     """A viser server on the loopback interface that shows one attempt; `close` it after use.
 
     Attributes:
-        url: where the page is.
+        url: where the page is, with its token.
     """
 
     def __init__(self, shown: Replayed, port: int = 8080) -> None:
         self._shown = shown
         self._lock = threading.Lock()
         self._frame, self._playing, self._closed = -1, False, False
-        self._server = serve(f"attempt {shown.index}", port)
-        self.url = f"http://{HOST}:{self._server.get_port()}"
+        self._server, self.url = serve(f"attempt {shown.index}", Address(port=port))
         x, y, z = shown.scenario.source_bin.position
         self._server.initial_camera.position = (x + 0.24, y - 0.36, z + 0.40)
         self._server.initial_camera.look_at = (x - 0.02, y - 0.02, z + 0.04)

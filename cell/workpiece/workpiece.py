@@ -41,7 +41,7 @@ MESHES = ("stl", "obj", "ply", "glb")
 READABLE = "a readable STL, OBJ, PLY or GLB file"
 UNIT_GIRTHS = 1.4
 Process = Literal["machined", "bent", "printed", "cast"]
-FORM_TOLERANCES: dict[Process, float] = {"machined": 0.0, "bent": 3e-4, "printed": 3e-4, "cast": 5e-4}
+FORM_TOLERANCES: dict[Process, float] = {"machined": 0.0, "bent": 2e-4, "printed": 2e-4, "cast": 3e-4}
 """[m] that a real part deviates from its CAD, as a standard deviation over its surface; a machined one by less than any
 camera here can tell."""
 

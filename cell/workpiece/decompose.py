@@ -1,7 +1,7 @@
 """Collision pieces for a mesh: one box or a stack of cylinders where that fits, else convex hulls by CoACD.
 
-CoACD measures concavity against the longest side, so a slender part would stay one hull: each axis is scaled to one
-first (what is convex stays convex), and the pieces are scaled back.
+CoACD measures concavity relative to the longest side, so a slender part would stay one hull. Each axis is scaled to 1
+first (convexity is preserved), and the pieces are scaled back.
 Source: Wei et al., "Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree Search"
 (2022).
 """
@@ -21,29 +21,29 @@ from pickproof.cell.workpiece.collision_pieces import HULL_MARGIN, CollisionBox,
 from pickproof.cell.workpiece.prism_pieces import prism_pieces
 
 FULL = 0.97
-"""Share of a piece's volume that the solid fills where that piece stands for all of it."""
+"""Share of its volume that the solid must fill for a single piece to replace it."""
 STEP = (0.0005, 0.03)
-"""[m], and share of the largest radius, by which the radius may change along one cylinder; the larger counts."""
+"""Allowed change of the radius along one cylinder: [m], and share of the largest radius; the larger counts."""
 SLICES, MAX_CYLINDERS = 120, 14
 THRESHOLD, MAX_HULLS, HULL_VERTICES, MAX_CORNERS = 0.06, 16, 48, 120
 MAX_PRISMS = 28
 BOXY = 1.35
-"""Times its volume that the box around a thin hull may have to stand for it."""
+"""Largest ratio of volumes at which a box replaces a thin hull."""
 THINNEST = 3.2 * HULL_MARGIN
-"""[m] that a hull must be thick for the physics to keep its margin inside of it."""
+"""[m] smallest thickness of a hull that keeps the margin of the physics inside."""
 SMOOTH = 5e-5
-"""[m] that a corner may stand out of a hull without it."""
+"""[m] distance of a corner from the hull of the others up to which it may be left out."""
 SAMPLES = 3000
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Collision pieces, and how far off they are.
+    """Collision pieces, and their deviation from the solid.
 
     Attributes:
-        outside: [m] that the solid sticks out of them at most.
-        beyond: [m] that they stick out of the solid at most, as where they close a bore.
-        how: in words.
+        outside: [m] largest distance of the solid beyond the pieces.
+        beyond: [m] largest distance of the pieces beyond the solid, as where they close a bore.
+        how: description in words.
     """
 
     pieces: tuple[Piece, ...]
@@ -79,7 +79,7 @@ def piece_mesh(piece: Piece) -> trimesh.Trimesh:
 
 
 def piece_errors(mesh: trimesh.Trimesh, pieces: Sequence[Piece]) -> tuple[float, float]:
-    """How far [m] the solid sticks out of its pieces, and they out of it."""
+    """Largest distances [m] of the solid beyond its pieces, and of the pieces beyond the solid."""
     meshes = [piece_mesh(piece) for piece in pieces]
     near = [Nearest(m.vertices, m.faces) for m in meshes]
     points = np.concatenate([trimesh.sample.sample_surface(mesh, SAMPLES, seed=2)[0], mesh.vertices])
@@ -97,7 +97,7 @@ def _box(mesh: trimesh.Trimesh) -> list[Piece]:
 
 
 def _cylinders(mesh: trimesh.Trimesh) -> list[Piece]:
-    """A stack along z; nothing where the solid is hollow or takes too many."""
+    """A stack of cylinders along z; empty where the solid is hollow or needs too many."""
     points = trimesh.sample.sample_surface(mesh, 40_000, seed=4)[0]
     low, high = mesh.bounds[:, 2]
     edges = np.linspace(low, high, SLICES + 1)
@@ -120,7 +120,7 @@ def _cylinders(mesh: trimesh.Trimesh) -> list[Piece]:
 
 
 def _convex_parts(mesh: trimesh.Trimesh) -> tuple[list[Array], str]:
-    """Corners of convex parts, and what they are in words."""
+    """Corners of convex parts, and a description in words."""
     whole = trimesh.convex.convex_hull(mesh)
     if mesh.volume > FULL * whole.volume:
         return [np.asarray(whole.vertices)], "convex hull"
@@ -129,7 +129,7 @@ def _convex_parts(mesh: trimesh.Trimesh) -> tuple[list[Array], str]:
 
 
 def _hulls(parts: list[Array]) -> tuple[list[Piece], int]:
-    """Hulls, thin ones as boxes where these fit, and how many had to be thickened."""
+    """Hulls (thin ones replaced by boxes where these fit), and the number of thickened ones."""
     pieces: list[Piece] = []
     thick = 0
     for vertices in parts:
@@ -190,7 +190,7 @@ def _coacd(mesh: trimesh.Trimesh) -> list[Array]:
 def _thick(vertices: Array) -> Array:
     """Vertices of a hull that is thick enough: a thin one is widened about its middle along its thin direction."""
     centre = vertices.mean(axis=0)
-    for _ in range(3):  # as a splinter is thin in two directions
+    for _ in range(3):  # twice, because a splinter is thin in two directions
         hull = ConvexHull(vertices, qhull_options="QJ")
         widths = np.ptp(vertices @ hull.equations[:, :3].T, axis=0)
         thin = int(np.argmin(widths))
@@ -205,7 +205,7 @@ def _thick(vertices: Array) -> Array:
 def _few(vertices: Array) -> Array:
     """The corners of a hull; of more than MAX_CORNERS those that keep nearly all of it.
 
-    From the outermost along the axes on, each next is the one that is farthest outside of those taken before.
+    Starts with the outermost along the axes; each next corner is the one farthest outside the hull of those before.
     """
     corners = vertices[ConvexHull(vertices, qhull_options="QJ").vertices]
     if len(corners) <= MAX_CORNERS:

@@ -1,7 +1,7 @@
 """A breakable connection of a workpiece to cups or magnets; its load is read after every step.
 
 A fixed constraint carries the workpiece; PyBullet's own `maxForce` saturates instead of breaking. The reaction is
-shared among the cups (`cell.grippers.holding_force`). A cup releases as soon as its share exceeds one of its limits;
+shared among the cups (`cell.grippers.one_sided_hold`). A cup releases as soon as its share exceeds one of its limits;
 the constraint is removed with the last one. Collisions between faces and workpiece are off meanwhile, since contact and
 constraint would act against each other.
 """
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pickproof.cell.frames import Array, from_quat_xyzw, invert, make_transform, to_quat_xyzw
-from pickproof.cell.grippers.holding_force import Hold, Limit, share
+from pickproof.cell.grippers.one_sided_hold import Hold, Limit, share
 from pickproof.cell.physics._pybullet import pybullet
 from pickproof.cell.physics.world import World
 

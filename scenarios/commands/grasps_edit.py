@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import sys
 import threading
 from pathlib import Path
@@ -22,8 +21,8 @@ def edit(
     gripper: Annotated[str | None, about("default: that of the workpiece's grasps.yaml")] = None,
     grasps: Annotated[Path | None, FILE_TO_WRITE, about("default: the workpiece's grasps.yaml")] = None,
     port: Annotated[int, integer(0, 65535), about("of the page")] = 8080,
-    host: Annotated[str, about("address to listen on; others than the default need the token")] = HOST,
-    token: Annotated[str | None, about("token of the page on another --host; default: random")] = None,
+    host: Annotated[str, about("address of this machine to listen on")] = HOST,
+    token: Annotated[str | None, about("of the page's address, at least 16 characters; default: random")] = None,
 ) -> int:
     """`pickproof grasps edit WORKPIECE`."""
     from rich.console import Console
@@ -31,6 +30,7 @@ def edit(
     from pickproof.cell.config import read_yaml
     from pickproof.scenarios.grasp_editor.editor import GraspEditor
     from pickproof.scenarios.grasp_trials.table_files import workpiece_and_gripper
+    from pickproof.scenarios.pages.address import checked_token
 
     part, hand = workpiece_and_gripper(workpiece, gripper, grasps)
     path = grasps or part.folder / "grasps.yaml"
@@ -38,8 +38,7 @@ def edit(
         raise InputError("command line", "--grasps", str(path), "a regular file")
     if path.is_file() and path.stat().st_size:
         read_yaml(path)  # only valid YAML can be edited
-    given = token or (None if host == HOST else secrets.token_urlsafe(16))
-    editor = GraspEditor(part, hand, path, port, host, given)
+    editor = GraspEditor(part, hand, path, port, host, checked_token(token))
     Console().print(f"editing {path}\nopen {editor.url} in a browser; Ctrl-C ends", soft_wrap=True)
     try:
         threading.Event().wait()

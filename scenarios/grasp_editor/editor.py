@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -25,9 +24,9 @@ from pickproof.scenarios.grasp_editor.geometry_checks import GraspJudge
 from pickproof.scenarios.grasp_editor.panel import AMBER, CAD, GREEN, HINTS, Panel
 from pickproof.scenarios.grasp_editor.scene import EditorScene
 from pickproof.scenarios.grasp_editor.snapping import Plane, SnapTargets, fields_of, frame_of, mirrored, squared
-from pickproof.scenarios.grasp_editor.token_gate import TokenGate, reached_at
 from pickproof.scenarios.grasp_editor.trial_runner import GraspTries
-from pickproof.scenarios.replay.viser_scene import HOST, serve
+from pickproof.scenarios.pages.address import HOST, Address
+from pickproof.scenarios.pages.viser_page import serve
 
 POLL = 1.0  # [s] between checks of the file
 REST = 0.4  # [s] after the last key before the typed text is used
@@ -39,10 +38,10 @@ class GraspEditor:
     """The page and what it edits; `close` it after use.
 
     Args:
-        token: of the address, for a page on another host than 127.0.0.1; None there.
+        token: that the address of the page contains; None draws one at random.
 
     Attributes:
-        url: where the page is.
+        url: where the page is, with its token.
         document: the grasps.yaml.
         selected: index of the grasp that is edited.
     """
@@ -65,14 +64,7 @@ class GraspEditor:
         self._typed: dict[str, Any] = {}
         self._typed_at = 0.0
         self._closed, self._told = False, False
-        self._server = serve(f"{workpiece.name}: grasps", 0 if token else port)
-        inner = self._server.get_port()
-        self._gate = TokenGate(host, port, inner, token) if token else None
-        self.url = (
-            f"http://{reached_at(host)}:{self._gate.port}/?token={quote(token or '', safe='')}"
-            if self._gate
-            else f"http://{HOST}:{inner}"
-        )
+        self._server, self.url = serve(f"{workpiece.name}: grasps", Address(host, port, token))
         planes = (*self._targets.centre_planes, *self._targets.symmetry_planes)
         self._scene = EditorScene(
             self._server, workpiece, gripper, self._targets.symmetry_planes, self._dragged, self.select
@@ -90,8 +82,6 @@ class GraspEditor:
         for thread in self._threads:
             thread.join()
         self._tries.close()
-        if self._gate is not None:
-            self._gate.close()
         self._server.stop()
 
     @property

@@ -1,4 +1,8 @@
-"""The report's figures, drawn by plotly in the page itself; the library is embedded once, nothing is fetched."""
+"""The report's charts, drawn by plotly in the page itself; the library is embedded once, nothing is fetched.
+
+`report._figures` says which charts there are and of what; `trend` is of the index page. Bars within tables are HTML, in
+`templates/report.html.j2`.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +107,7 @@ def bin_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.F
             hovertemplate="x %{x} mm, y %{y} mm: %{z:.1f} % (%{text})<extra></extra>",
             zmin=0,
             zmax=100,
-            colorscale="Cividis",  # read alike with every kind of colour vision
+            colorscale="Cividis",  # readable with every kind of colour vision
             colorbar={"title": "%", "thickness": 14, "len": 0.9},
             xgap=1,
             ygap=1,
@@ -120,7 +124,7 @@ def bin_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.F
 
 
 def cycle(parts: Sequence[Mapping[str, Any]]) -> go.Figure:
-    """Where the time of a cycle goes: mean of each part, one after the other, its name beside its bar."""
+    """Parts of the cycle time: mean of each part in sequence, its name beside its bar."""
     figure = go.Figure()
     begin = 0.0
     for part in parts:

@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -42,12 +43,12 @@ class Browser:
         requests: addresses asked for.
     """
 
-    def __init__(self, folder: Path, width: int = 1280, height: int = 900) -> None:
+    def __init__(self, folder: Path, width: int = 1280, height: int = 900, flags: Sequence[str] = ()) -> None:
         assert CHROMIUM is not None
         self.errors: list[str] = []
         self.requests: list[str] = []
         size = f"--window-size={width},{height}"
-        words = [CHROMIUM, *FLAGS, size, f"--user-data-dir={folder / 'chromium'}", "about:blank"]
+        words = [CHROMIUM, *FLAGS, *flags, size, f"--user-data-dir={folder / 'chromium'}", "about:blank"]
         self._process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         port_file = folder / "chromium" / "DevToolsActivePort"
         begun = time.monotonic()

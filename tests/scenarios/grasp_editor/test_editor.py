@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -124,7 +126,7 @@ def broken_while_edited(editor: GraspEditor, table: Path) -> tuple[str, str]:
     """The file's text before another program broke it, and what is being edited in the page since."""
     whole = table.read_text()
     table.write_text("gripper: [")
-    soon(lambda: "correct the syntax there. Mend it" in shown(editor))
+    soon(lambda: "correct the syntax there. Correct it" in shown(editor))
     editor.act("on / off")
     return whole, editor.document.text
 
@@ -187,12 +189,17 @@ def test_a_button_says_what_it_did_where_nothing_moves(editor: GraspEditor) -> N
 
 
 def test_the_terminal_names_one_address(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    built = GraspEditor(BRACKET, JAW, table, port=0, host="0.0.0.0", token="t")
+    built = GraspEditor(BRACKET, JAW, table, port=0, host="0.0.0.0", token="one of a user's own")
     try:
         assert "http" not in capsys.readouterr().out  # the caller prints `url`
-        assert "0.0.0.0" not in built.url and built.url.endswith("/?token=t")
+        assert "0.0.0.0" not in built.url and built.url.endswith("/?token=one%20of%20a%20user%27s%20own")
     finally:
         built.close()
+
+
+def test_the_page_asks_for_its_token_on_this_machine_too(editor: GraspEditor) -> None:
+    with pytest.raises(HTTPError, match="403"):
+        urlopen(editor.url.partition("?")[0])
 
 
 def test_a_symmetric_workpiece_shows_its_axes() -> None:
@@ -324,7 +331,11 @@ def test_open_move_try_save_reopen_in_a_browser(editor: GraspEditor, table: Path
         press(browser, "Write the file")
         soon(lambda: not editor.document.changed)
         assert browser.errors == []
-        outside = [u for u in browser.requests if not u.startswith((editor.url, "data:", "blob:", "ws:", "about:"))]
+        outside = [
+            u
+            for u in browser.requests
+            if not u.startswith((editor.url.partition("?")[0], "data:", "blob:", "ws:", "about:"))
+        ]
         assert outside == []
     saved = read_table(table).grasps[0]
     assert (saved.name, saved.centre) == ("from_the_top", (0.009, 0.0, -0.0045))

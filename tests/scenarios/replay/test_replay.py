@@ -8,6 +8,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -181,9 +184,11 @@ def test_a_film_shows_that_something_moves(shown: Replayed, tmp_path: Path) -> N
     assert image.shape == (840, 1680, 3)
 
 
-def test_the_server_listens_on_the_loopback_interface_only(page: ReplayPage) -> None:
+def test_the_server_listens_on_the_loopback_interface_and_asks_for_its_token(page: ReplayPage) -> None:
     opened = listening()
-    assert f"0100007F:{int(page.url.rsplit(':', 1)[1]):04X}" in opened and on_loopback(opened)
+    assert f"0100007F:{urlsplit(page.url).port:04X}" in opened and on_loopback(opened)
+    with pytest.raises(HTTPError, match="403"):
+        urlopen(page.url.partition("?")[0])
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
@@ -203,5 +208,9 @@ def test_the_page_loads_plays_and_answers_without_an_error(page: ReplayPage, tmp
         picture = cv2.imread(str(browser.picture(tmp_path / "page.png")))
         assert len(np.unique(picture[:, :800].reshape(-1, 3), axis=0)) > 100  # something is drawn
         assert browser.errors == []
-        outside = [u for u in browser.requests if not u.startswith((page.url, "data:", "blob:", "ws:", "about:"))]
+        outside = [
+            u
+            for u in browser.requests
+            if not u.startswith((page.url.partition("?")[0], "data:", "blob:", "ws:", "about:"))
+        ]
         assert outside == []

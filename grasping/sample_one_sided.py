@@ -1,8 +1,8 @@
 """Proposals from the CAD for cups and magnets: where their faces hold by the same rule as in the physics.
 
-A face is placed on the surface along its normal and aligned with the points under its rim; `PadGripper.take` gives what
-it holds there. Places are ranked by the share of the load limits that the weight uses in an accelerated vertical lift:
-a place over the centre of mass bends the lip least.
+A face is placed on the surface along its normal and aligned with the points under its rim; `OneSidedGripper.take` gives
+what it holds there. Places are ranked by the share of the load limits that the weight uses in an accelerated vertical
+lift: a place over the centre of mass bends the lip least.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from pickproof.cell.frames import Array, about_axis, make_transform
-from pickproof.cell.grippers.holding_force import share
-from pickproof.cell.grippers.one_sided import PadGripper, ring
+from pickproof.cell.grippers.one_sided import OneSidedGripper, ring
+from pickproof.cell.grippers.one_sided_hold import share
 from pickproof.cell.grippers.vacuum import VacuumGripper
 from pickproof.cell.physics.contact_probe import probe_part
 from pickproof.cell.physics.world import GRAVITY
@@ -28,7 +28,9 @@ LIFTED = 12.0  # [m/s2] acceleration upwards and sideways under which a place mu
 LEVELLED = 2  # number of alignments of the faces with the points under the rim
 
 
-def pad_proposals(workpiece: Workpiece, gripper: PadGripper, rng: np.random.Generator) -> Iterator[GraspPoint]:
+def one_sided_proposals(
+    workpiece: Workpiece, gripper: OneSidedGripper, rng: np.random.Generator
+) -> Iterator[GraspPoint]:
     """Places for the faces of a cup or magnet gripper, lowest use of the load limits first."""
     over, up = over_centre_of_mass(workpiece, np.pi * gripper.radius**2)
     points, normals = workpiece.sample_surface(SPOTS, seed=int(rng.integers(2**31)))
@@ -58,11 +60,11 @@ def over_centre_of_mass(workpiece: Workpiece, area: float) -> tuple[Array, Array
     return workpiece.com + heights[:, None] * normals, normals
 
 
-def worst_use(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> float:
+def worst_use(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array) -> float:
     """Largest share of any limit of any face that the workpiece takes when lifted along tool -z; infinite if not held.
 
     Load at the centre of mass: weight and LIFTED along the tool axis, LIFTED across it in the worst of eight
-        directions. They are 45 degrees apart, as the rotations of a single face are, so all these see the same loads.
+    directions. They are 45 degrees apart, as the rotations of a single face are, so all these see the same loads.
     """
     holds, reasons = gripper.take(lambda xy: probe_part(workpiece, T_part_tool, xy), lambda _: workpiece.magnetic)
     if any(reasons) or not holds:
@@ -84,7 +86,7 @@ def _laid(point: Array, normal: Array) -> Array:
     return make_transform(np.stack([x, np.cross(-normal, x), -normal], axis=1), point)
 
 
-def _level(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> Array:
+def _level(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array) -> Array:
     """The pose turned so that its faces lie in the plane that their rims meet, and moved until they touch."""
     xy = np.concatenate([ring(gripper.radius, 12) + centre for centre in gripper.centres])
     for _ in range(LEVELLED):
@@ -99,13 +101,13 @@ def _level(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> Arr
     return T_part_tool @ make_transform(t=(0.0, 0.0, float(gap.min()) if np.isfinite(gap.min()) else 0.0))
 
 
-def pressed_by(gripper: PadGripper) -> tuple[float, ...]:
+def pressed_by(gripper: OneSidedGripper) -> tuple[float, ...]:
     """Depths [m] of the faces past the surface, preferred first; there is not always room below the surface."""
     alone = isinstance(gripper, VacuumGripper) and gripper.sprung_alone
     return (PRESS_ALONE * gripper.stroke, PRESS) if alone else (PRESS,)
 
 
-def _point(T_part_tool: Array, gripper: PadGripper) -> GraspPoint:
+def _point(T_part_tool: Array, gripper: OneSidedGripper) -> GraspPoint:
     plain = [[round(float(x), 6) + 0.0 for x in v] for v in T_part_tool[:3, [3, 2, 0]].T]
     single = len(gripper.centres) == 1
     return GraspPoint.model_validate(

@@ -144,7 +144,7 @@ def stages_of(setup: Setup, indices: list[int], heaps: list[Array]) -> dict[str,
 
     see(indices[0], heaps[0])  # the first frame of a process warms up
     seen = [see(i, poses) for i, poses in zip(indices, heaps, strict=True)]
-    names = dict.fromkeys(stage for s in seen for stage in s.result.seconds)
+    names = dict.fromkeys(stage for s in seen for stage in s.result.seconds if stage != "fit")  # only for figures
     seconds = {name: float(np.mean([s.result.seconds.get(name, 0.0) for s in seen])) for name in names}
     return {
         "frames": len(seen),
@@ -167,6 +167,7 @@ def _forward(perception: Perception, seen: list[HeapFrame], rng: np.random.Gener
     large = [level0 for level0 in sampled if len(level0.points) >= FORWARD_POINTS]
     if not sampled:
         return None
+    assert perception.network is not None  # stages are those of shipped weights
     level0 = large[0] if large else max(sampled, key=lambda level0: len(level0.points))
     packed = pack([build_levels(level0, rng, top_neighbours(workpiece))])
     times = []

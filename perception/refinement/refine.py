@@ -102,7 +102,7 @@ def measured_surface(
     """The depth image as points and normals, in units; `roi` (h, w) bool limits where workpieces may be."""
     sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma
     with torch.inference_mode():
-        return SurfaceMap.of(frame, shape.unit, sigma, roi)
+        return SurfaceMap.of(frame, shape.unit, shape.deviation(sigma), roi)
 
 
 def register_and_verify(
@@ -116,7 +116,8 @@ def register_and_verify(
     """Hypotheses of the clusters through ICP and verification; `clock` has what came before, and takes the rest."""
     raw = _raw_estimates(clustered.categories, shape, len(clustered.votes))
     fitted = _fitted_estimates(clustered, shape, config.fit)
-    clock.lap("fit")
+    if fitted is not None:
+        clock.lap("fit")
     clustered = _places_of_every_mode(clustered, shape, config.cluster)
     with torch.inference_mode():
         search = PoseSearch(scene, shape, clustered.votes, config, score_model or ScoreModel(), clock)

@@ -6,7 +6,9 @@ command imports every command to list them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
+from typing import Literal, get_args, get_origin
 
 from cyclopts import App, CycloptsError
 from cyclopts.argument import Argument
@@ -16,6 +18,7 @@ from cyclopts.exceptions import (
     UnknownCommandError,
     UnknownOptionError,
     UnusedCliTokensError,
+    ValidationError,
 )
 
 from pickproof.cell.errors import did_you_mean
@@ -50,6 +53,9 @@ def _what(error: CycloptsError) -> str:
             return _unknown_option(error.token.keyword or error.token.value, names)
         case UnknownCommandError(unused_tokens=[word, *_]):
             return _unknown_command(word, error.app)
+        case ValidationError() if "Mutually exclusive" in str(error):
+            first, *others = re.findall(r"--[\w-]+", str(error))
+            return f"argument {', '.join(others)}: not allowed with argument {first}"
         case UnusedCliTokensError(unused_tokens=[*words]):
             return f"too many words: {', '.join(map(repr, words))}"
     return str(error)
@@ -62,6 +68,8 @@ def _wrong_value(error: CoercionError) -> str:
         return f"argument {name}: {error.msg}"
     value = token.value if token else ""
     choices = argument.get_choices(force=True) if argument else None
+    if not choices and get_origin(error.target_type) is Literal:  # one of several values of an option
+        choices = tuple(map(str, get_args(error.target_type)))
     if choices:
         return f"argument {name}: {_not_one_of(value, choices)}"
     kind = getattr(error.target_type, "__name__", str(error.target_type))

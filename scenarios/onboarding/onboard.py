@@ -32,6 +32,7 @@ from pickproof.scenarios.onboarding.part import (
     understand,
     write_workpiece,
 )
+from pickproof.scenarios.onboarding.search_trial import SearchTrial
 from pickproof.scenarios.picking.workcell import check_inputs
 
 DEFAULT = Path("workpieces")
@@ -167,9 +168,11 @@ def _equip(asked: Onboarding, part: Part, folder: Path, begun: float, say: Say) 
         check_inputs(load_scenario(asked.name), frozenset({"perception"}))
     for what, why in reasons.items():
         say(f"{what}: {why}")
+    trial = SearchTrial.of(workpiece, say)
+    say(trial.line)
     seconds = time.monotonic() - begun
-    write_whole(folder / PAGE, page(part, workpiece, held, fields, reasons, asked.mesh.name, seconds))
-    write_json(folder / RECORD, record(part, workpiece, held, asked.mesh.name, asked.unit))
+    write_whole(folder / PAGE, page(part, workpiece, held, trial, fields, reasons, asked.mesh.name, seconds))
+    write_json(folder / RECORD, record(part, workpiece, held, trial, asked.mesh.name, asked.unit))
     return bool(fields)
 
 

@@ -11,6 +11,7 @@ from pickproof.cell.html_page import page_template, png_uri
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.scenarios.onboarding.part import Held, Part, is_infinite, matrix_rows, scenario_text
+from pickproof.scenarios.onboarding.search_trial import SearchTrial
 from pickproof.scenarios.reporting.part_pictures import axes_picture, grasps_picture, pieces_picture, resting_picture
 
 
@@ -18,6 +19,7 @@ def page(
     part: Part,
     workpiece: Workpiece,
     held: Held,
+    trial: SearchTrial,
     fields: Mapping[str, Any],
     reasons: Mapping[str, str],
     source: str,
@@ -35,6 +37,7 @@ def page(
         part=part,
         workpiece=workpiece,
         held=held,
+        trial=trial,
         reasons=reasons,
         pictures=pictures,
         symmetry=symmetry_lines(part.found),
@@ -49,7 +52,9 @@ def page(
     )
 
 
-def record(part: Part, workpiece: Workpiece, held: Held, source: str, unit: str) -> dict[str, Any]:
+def record(
+    part: Part, workpiece: Workpiece, held: Held, trial: SearchTrial, source: str, unit: str
+) -> dict[str, Any]:
     """What machines read: where the part's frame is in the user's CAD, and every residual."""
     return {
         "source": source,
@@ -85,6 +90,7 @@ def record(part: Part, workpiece: Workpiece, held: Held, source: str, unit: str)
         ],
         "gripper": held.gripper.name if held.gripper else None,
         "grasps": len(held.points),
+        "search": trial.record(),
     }
 
 

@@ -115,7 +115,7 @@ def test_ps6d_sees_what_an_evaluation_sees() -> None:
 
 
 def test_peers_run_and_ppf_sees_fewer_frames(here: Path) -> None:
-    peers = tuple(m for m in methods(here) if m.kind != "ps6d")
+    peers = tuple(m for m in methods(here) if m.kind in ("ppf", "ppr_net", "ppr_net_pp"))
     second = measure_heap(Job("bracket", peers, SensorConfig()), 1, small_heaps()[1])
     assert set(second) == {("methods", name) for name in ("ppr_net", "ppr_net_pp")}  # PPF: --ppf-frames 1
     assert all(found.seconds > 0 for found in second.values())

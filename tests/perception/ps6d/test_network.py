@@ -9,15 +9,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from pickproof.cell.frames import Array, random_rotations
-from pickproof.perception.ps6d.network import (
-    MaxOverNeighbours,
-    NarrowLinear,
-    NetworkConfig,
-    Prediction,
-    Ps6d,
-    pack,
-    quaternion_to_matrix,
-)
+from pickproof.perception.ps6d.layers import MaxOverNeighbours, NarrowLinear
+from pickproof.perception.ps6d.network import NetworkConfig, Prediction, Ps6d, pack, quaternion_to_matrix
 from pickproof.perception.ps6d.point_hierarchy import Graph
 from pickproof.perception.training.dataset import train_sample
 from tests.perception.small_heaps import bracket, small_heaps

@@ -58,8 +58,8 @@ class _Surface:
 def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.Generator) -> list[GraspPoint]:
     """At most `count` distinct grasp points for a gripper, nearest to the centre of mass first.
 
-    One function proposes for each kind of gripper: `jaw_proposals` and then `freeform_proposals`, which finds what
-    teeth and curved faces allow, or `one_sided_proposals` for cups and magnets.
+    For a parallel jaw: `jaw_proposals`, then `freeform_proposals` for teeth and curved faces. For cups and magnets:
+    `one_sided_proposals`.
 
     Raises:
         InputError: another kind of gripper.

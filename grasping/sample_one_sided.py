@@ -1,8 +1,8 @@
 """Proposals from the CAD for cups and magnets: where their faces hold by the same rule as in the physics.
 
-A face is laid on the surface along its normal, levelled to what its rim meets, and asked what it holds there
-(`OneSidedGripper.take`). What counts then is how much of its limits the weight takes, lifted straight up with an
-acceleration: a place over the centre of mass bends the lip least.
+A face is placed on the surface along its normal and aligned with the points under its rim; `OneSidedGripper.take` gives
+what it holds there. Places are ranked by the share of the load limits that the weight uses in an accelerated vertical
+lift: a place over the centre of mass bends the lip least.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LEVELLED = 2  # number of alignments of the faces with the points under the rim
 def one_sided_proposals(
     workpiece: Workpiece, gripper: OneSidedGripper, rng: np.random.Generator
 ) -> Iterator[GraspPoint]:
-    """Places for the faces of a cup or magnet gripper, those that take least of its limits first."""
+    """Places for the faces of a cup or magnet gripper, lowest use of the load limits first."""
     over, up = over_centre_of_mass(workpiece, np.pi * gripper.radius**2)
     points, normals = workpiece.sample_surface(SPOTS, seed=int(rng.integers(2**31)))
     points, normals = np.concatenate([over, points]), np.concatenate([up, normals])
@@ -64,7 +64,7 @@ def worst_use(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array
     """Largest share of any limit of any face that the workpiece takes when lifted along tool -z; infinite if not held.
 
     Load at the centre of mass: weight and LIFTED along the tool axis, LIFTED across it in the worst of eight
-        directions. They are 45 degrees apart, as the rotations of a single face are, so all these see the same loads.
+    directions. They are 45 degrees apart, as the rotations of a single face are, so all these see the same loads.
     """
     holds, reasons = gripper.take(lambda xy: probe_part(workpiece, T_part_tool, xy), lambda _: workpiece.magnetic)
     if any(reasons) or not holds:
@@ -102,7 +102,7 @@ def _level(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array) -
 
 
 def pressed_by(gripper: OneSidedGripper) -> tuple[float, ...]:
-    """How far past the surface the faces go [m], most wanted first; there is not always room beneath the surface."""
+    """Depths [m] of the faces past the surface, preferred first; there is not always room below the surface."""
     alone = isinstance(gripper, VacuumGripper) and gripper.sprung_alone
     return (PRESS_ALONE * gripper.stroke, PRESS) if alone else (PRESS,)
 

@@ -1,4 +1,4 @@
-"""The result of perception."""
+"""The pose estimate of one workpiece."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class PoseEstimate:
 
     Attributes:
         T_camera_part: (4, 4) pose of the CAD frame in the camera frame, lengths in [m].
-        score: calibrated belief in [0, 1] that the pose is right.
+        score: calibrated probability in [0, 1] that the pose is right.
         visible_share: share of the surface that faces the camera in this pose and was measured there, in [0, 1].
         residual: root mean square distance of the measured surface to the CAD in [m].
         n_votes: voting points that support it.

@@ -1,4 +1,4 @@
-"""Cups and magnets, which take a workpiece from one side: faces on a sprung slide that hold what they touch."""
+"""Cups and magnets, which hold a workpiece from one side: their faces are mounted on a spring-loaded slide."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Probe = Callable[[Array], Surface]
 
 
 class OneSidedConfig(ToolConfig):
-    """What cups and magnets have in common."""
+    """Fields that cups and magnets have in common."""
 
     diameter: Small = Field(description="[m] of each lip or face")
     height: Small = Field(description="[m] of each")

@@ -52,9 +52,10 @@ class Arm:
         self._lock = 0.0
         client = world.client
         base = np.eye(4) if T_world_base is None else T_world_base
-        flags = pybullet.URDF_USE_INERTIA_FROM_FILE  # no self-collision: the planner sees to that
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE  # no self-collision: the planner checks it
         if isinstance(gripper, OneSidedGripper):
-            flags |= pybullet.URDF_USE_IMPLICIT_CYLINDER  # faces end where they should, not 1 mm further
+            # without margin: the collision shapes end at the faces, not 1 mm in front of them
+            flags |= pybullet.URDF_USE_IMPLICIT_CYLINDER
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "arm.urdf"
             path.write_text(merged_urdf(urdf, gripper, flange), encoding="utf-8")

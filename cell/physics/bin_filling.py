@@ -28,9 +28,9 @@ def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.r
     """Drop `count` workpieces into `bin` and wait until they rest.
 
     Three workpieces fall at a time, each from its own layer and with uniform random rotation, after the three before
-        have left the layers: bodies that start interpenetrating stay jammed. The chute keeps bouncing workpieces from
-            leaving the bin, as the funnel of a real filling station does. A workpiece longer than the bin's width falls
-            in aligned with the bin.
+    have left the layers: bodies that start interpenetrating stay jammed. The chute keeps bouncing workpieces from
+    leaving the bin, as the funnel of a real filling station does. A workpiece longer than the bin's width falls
+    in aligned with the bin.
 
     Raises:
         SimulationError: the heap does not come to rest within 8 s of simulated time.

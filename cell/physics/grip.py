@@ -1,6 +1,6 @@
-"""Taking, holding and letting go, the same three calls for every kind of gripper.
+"""Grip, list what is held, and release: the same three calls for every kind of gripper.
 
-How hard it grips is in the gripper's file (`cell/grippers/*.yaml`); `Arm.drive_jaws` hands a jaw's force to PyBullet.
+The grip force is in the gripper's file (`cell/grippers/*.yaml`); `Arm.drive_jaws` passes a jaw's force to PyBullet.
 """
 
 from __future__ import annotations

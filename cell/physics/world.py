@@ -33,7 +33,7 @@ def engine_friction(mu: float) -> float:
     """The coefficient to set for a body of friction `mu`, since Bullet multiplies the two of a contact.
 
     With the square root, the friction of a contact is the geometric mean of the two bodies: 0.5 for two steel parts of
-        0.5, and 0.63 for a steel part on pads of 0.8.
+    0.5, and 0.63 for a steel part on pads of 0.8.
     """
     return float(np.sqrt(mu))
 

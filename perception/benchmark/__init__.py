@@ -1,1 +1,1 @@
-"""PS6D, its peers and its ablations on the same held-out heaps."""
+"""PS6D, other methods and ablations on the same held-out heaps."""

@@ -1,6 +1,6 @@
 """The methods of a benchmark: each takes a measured frame and gives poses, scores and the seconds it took.
 
-No method sees the truth, but for the number of visible instances that PPF is told, as in the paper.
+No method uses ground truth, except PPF, which gets the number of visible instances as in the paper.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class Results:
 
 @dataclass(frozen=True)
 class BenchmarkRequest:
-    """What is measured.
+    """Settings of the benchmark.
 
     Attributes:
         workpieces: names, none for all.

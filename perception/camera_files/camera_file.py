@@ -30,11 +30,11 @@ NEAREST_WORLD = 10.0
 
 @dataclass(frozen=True)
 class CameraFile:
-    """What a camera's file says.
+    """The content of a camera's file.
 
     Attributes:
         K: (3, 3) with the focal lengths and the principal point in [pixel].
-        size: width and height in [pixel], None where it does not say.
+        size: width and height in [pixel], None where not stated.
         depth_step: [m] a count of a depth image; T_world_camera: (4, 4); sigma: [m] of a measured depth; None likewise.
         source: the file, or the command line; of_image: it is written for each image, which may be a crop.
     """

@@ -1,4 +1,4 @@
-"""What the numbers of a camera can be: a matrix or a pose that no camera has is refused with what it looks like."""
+"""Plausibility checks of camera matrices and poses; an error names the probable mistake."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Which keys of a camera's file are understood, and which say nothing of its intrinsics.
+"""Keys of a camera's file that are used, and keys that do not affect the intrinsics.
 
-All others that hold numbers are refused: a coefficient of the lens, an offset or a scale under a name that is not known
-would change the meaning of the intrinsics, and be passed over.
+All other keys with numbers are refused: a lens coefficient, an offset or a scale under an unknown name would change the
+meaning of the intrinsics and would be ignored.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ class Section:
         """Refuse keys that are not known and may change what the others mean."""
         for key, value in self.data.items():
             if not isinstance(key, str) or (key not in UNDERSTOOD and is_unknown(key, value)):
-                valid = f"no such key, for it may change what the others mean; understood: {', '.join(UNDERSTOOD)}"
+                valid = f"no unknown key, as it may change the meaning of the others; known: {', '.join(UNDERSTOOD)}"
                 raise self.bad(str(key), value, valid)
 
     def matrices(self) -> list[tuple[str, Array]]:

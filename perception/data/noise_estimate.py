@@ -1,4 +1,4 @@
-"""How much the depth of an image scatters, measured in the image itself."""
+"""Estimates the depth noise of an image from the image itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where in a depth image workpieces may lie, when no calibrated bin says so: off all that is too large and flat."""
+"""The region of workpieces in a depth image without a calibrated bin: all but large flat surfaces."""
 
 from __future__ import annotations
 

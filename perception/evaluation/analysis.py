@@ -1,4 +1,4 @@
-"""Where perception fails: each true instance against its visibility, each pose against the nearest instance."""
+"""Analysis of failures: each true instance by visibility, each pose against the nearest instance."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Examples:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a fit came to.
+    """Result of a fit.
 
     Attributes:
         model: to be used; None where the default is kept.

@@ -60,7 +60,7 @@ class HeapFrame:
 
 @dataclass(frozen=True)
 class Setup:
-    """How heaps are looked at.
+    """Settings of perception on heaps.
 
     Attributes:
         workpiece: its name.

@@ -1,4 +1,4 @@
-"""evaluation.html: what `pickproof evaluate` found and where it fails, as one self-contained page."""
+"""evaluation.html: results and failures of `pickproof evaluate` on one self-contained page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth given as the length of the ray (range) in place of z: found by what it does to flat surfaces, and converted."""
+"""Depth given as ray length (range) instead of z: detected by bent flat surfaces, and converted."""
 
 from __future__ import annotations
 

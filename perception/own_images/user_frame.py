@@ -36,7 +36,7 @@ LEAST_PIXELS = 16
 
 @dataclass(frozen=True)
 class Options:
-    """What the user said of the input; None where nothing was said.
+    """The user's description of the input; None where not given.
 
     Attributes:
         camera: file of the intrinsics; focal: fx, fy and centre: cx, cy in [pixel] in its place.

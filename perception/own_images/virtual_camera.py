@@ -1,7 +1,7 @@
-"""A point cloud as a depth image, since perception asks what the camera looked through, not only what it saw.
+"""A point cloud as a depth image, since perception also needs the free space between camera and surface.
 
-A cloud that a camera made from its own image lies on that image's rays: its pixel grid is found again and nothing is
-lost. Any other cloud is seen by a pinhole at the camera's place, with pixels as wide as the points are apart.
+A cloud computed from a camera image lies on that image's rays: its pixel grid is recovered without loss. Any other
+cloud is projected by a pinhole camera at the camera's position, with pixels as wide as the point spacing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The C allocator's way with large blocks, which costs more on a CPU than any single operation of the network."""
+"""Setting of the C allocator for large blocks; its default costs more CPU time than any operation of the network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the network hands to clustering and refinement: one pose prediction for every voting point."""
+"""The votes of the network: one pose prediction for every voting point, for clustering and refinement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the depth image and the votes say for and against a pose.
+"""Evidence of the depth image and the votes for and against a pose.
 
 Takes poses and the measured surface; gives `Evidence`. The camera saw every pixel through free space, so a pose that
 puts material where the camera looked through is refuted; one whose surface was measured where it should be is
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the depth image says of h poses; all (h,).
+    """Evidence of h poses; all (h,).
 
     Attributes:
         inliers: points measured on the surface; violations: points where the camera saw through the part;

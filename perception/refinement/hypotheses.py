@@ -1,4 +1,4 @@
-"""From clusters to pose hypotheses, and from thousands of them to the few per place that deserve ICP.
+"""From clusters to pose hypotheses, and selection of the few per place that go into ICP.
 
 Takes votes, their clusters and places, and the measured surface; gives `Hypotheses`, the best few of each place.
 Places come from `places.py`, poses fitted to CAD coordinates from `pose_fit.py`, thinning from `hypothesis_set.py`.

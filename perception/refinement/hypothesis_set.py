@@ -1,4 +1,4 @@
-"""A set of poses to be tried, and how it is thinned: the best of each place, and none twice.
+"""A set of pose hypotheses, and its reduction to the best distinct ones of each place.
 
 Takes and gives `Hypotheses`; thinning gives indices into it. How near two poses are is their distance in position and
 embedded rotation (`ShapeModel.embed`), in units.

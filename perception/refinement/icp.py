@@ -108,7 +108,7 @@ def _step(
         np.float32(VOTE_FLOOR),
         *shape.elongation,
     )
-    # Tukey's weight: an occluder or the floor one threshold away has no say
+    # Tukey's weight: an occluder or the floor at the threshold has weight 0
     hessian, slope = surface_terms(poses, cad, scene.table.numpy(), scene.camera, shape.field.arrays, rule, votes)
     if stage.rim > 0:
         of_rim = _rim_terms(poses, scene, shape, stage)

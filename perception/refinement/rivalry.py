@@ -1,4 +1,4 @@
-"""Which of several poses on the same surface stands: one surface has one owner, and no part is inside another.
+"""Choice among conflicting poses: a surface belongs to one pose, and no part is inside another.
 
 Takes poses and the measured surface; gives how far each two of them conflict, and the poses that have no better rival.
 """

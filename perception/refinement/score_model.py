@@ -43,8 +43,8 @@ class ScoreModel:
     Attributes:
         weights: one a feature, in the order of FEATURES.
         bias: the constant.
-        threshold: least score of a pose that is believed. 0.5, more likely right than wrong, where the scores were
-            fitted to the workpiece; more where they were not.
+        threshold: least score of an accepted pose: 0.5 where the scores were fitted to the workpiece, higher where they
+            were not.
     """
 
     weights: tuple[float, ...] = (-19.64, -4.261, 1.324, 0.3903, -3.164, -129, -11.99, 0, 0.6269, 1.782, 2.562)
@@ -59,7 +59,7 @@ class ScoreModel:
     def fit(features: Floats, right: np.ndarray, ridge: float = 1.0) -> ScoreModel:
         """Fit to features (n, len(FEATURES)) and labels (n,): penalised likelihood under the signs of SIGNS.
 
-        Without the signs a feature that hardly varies among plausible poses takes a weight that trusts absurd ones.
+        Without the signs, a feature that hardly varies among plausible poses can get a weight that favours absurd ones.
         """
         mean, spread = features.mean(0), np.maximum(features.std(0), 1e-6)
         X = np.column_stack([(features - mean) / spread, np.ones(len(features))])

@@ -1,7 +1,7 @@
-"""From examined poses to those that are believed: settle rivals, then apply the thresholds.
+"""From examined poses to accepted ones: resolve rivals, then apply the thresholds.
 
-Takes `Claims`, poses with their evidence and calibrated score; gives the claims that stand. What the depth image says
-of one pose is in `evidence.py`, how two poses conflict in `rivalry.py`, and the score in `score_model.py`.
+Takes `Claims`, poses with their evidence and calibrated score; gives the claims that stand. The evidence of one pose is
+in `evidence.py`, the conflict of two poses in `rivalry.py`, and the score in `score_model.py`.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ MAX_GRADIENT = 5.0  # norm
 
 @dataclass
 class TrainConfig:
-    """What `pickproof train` can be told; defaults are those that made the shipped weights."""
+    """Settings of `pickproof train`; the defaults are those of the shipped weights."""
 
     minutes: float = 60.0
     clouds: int = 200_000

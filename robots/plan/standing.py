@@ -17,7 +17,7 @@ def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Arra
     """For each TCP grasp pose (n, 4, 4) in turn: None where the arm can be there without collision, or the reason.
 
     The inverse kinematics of all poses is computed at the first step, each collision check on demand: stop the
-        iteration when enough are found.
+    iteration when enough are found.
     """
     found = inverse(scene.robot, np.asarray(Ts_base_tool) @ invert(T_flange_tool))
     for k in range(len(found.q)):

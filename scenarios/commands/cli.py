@@ -1,7 +1,7 @@
 """The command line.
 
 Exit codes: 0 done, 1 a gate failed, 2 bad input, 3 undecided, 70 internal error, 130 interrupted. Only a gate returns
-    1; Python itself would return 1 for a traceback.
+1; Python itself would return 1 for a traceback.
 """
 
 from __future__ import annotations

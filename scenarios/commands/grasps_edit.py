@@ -22,9 +22,7 @@ def edit(
     grasps: Annotated[Path | None, FILE_TO_WRITE, about("default: the workpiece's grasps.yaml")] = None,
     port: Annotated[int, integer(0, 65535), about("of the page")] = 8080,
     host: Annotated[str, about("address of this machine to listen on")] = HOST,
-    token: Annotated[
-        str | None, about("of the page's address, at least 16 characters; default: drawn at random")
-    ] = None,
+    token: Annotated[str | None, about("of the page's address, at least 16 characters; default: random")] = None,
 ) -> int:
     """`pickproof grasps edit WORKPIECE`."""
     from rich.console import Console
@@ -39,7 +37,7 @@ def edit(
     if path.exists() and not path.is_file():
         raise InputError("command line", "--grasps", str(path), "a regular file")
     if path.is_file() and path.stat().st_size:
-        read_yaml(path)  # what is no YAML is no table that can be edited
+        read_yaml(path)  # only valid YAML can be edited
     editor = GraspEditor(part, hand, path, port, host, checked_token(token))
     Console().print(f"editing {path}\nopen {editor.url} in a browser; Ctrl-C ends", soft_wrap=True)
     try:

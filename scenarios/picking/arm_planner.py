@@ -120,7 +120,7 @@ def _retract_direction(T_world_tool: Array, middle: Array) -> tuple[float, float
     """Unit vector halfway between up and the reverse approach of a tilted tool, where that leads inwards.
 
     Cups and magnets hold one face: a lift straight up would drag a workpiece that leans on a wall along that wall. A
-        tool tilted over the nearest wall, away from `middle` (2,) of the bin, moves straight up.
+    tool tilted over the nearest wall, away from `middle` (2,) of the bin, moves straight up.
     """
     half = np.array([0.0, 0.0, 1.0]) - T_world_tool[:3, 2]
     if half[:2] @ (middle - T_world_tool[:2, 3]) <= 0:

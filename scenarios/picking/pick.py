@@ -42,9 +42,9 @@ def attempt_pick(
 
     Args:
         perceive: finds the poses.
-        state: what the cell remembers between attempts; it is changed.
+        state: of the cell between attempts; it is changed.
         seed: of the episode; attempt: index in it, from 0.
-        recorder: writes the attempt's replay file, where one is wanted.
+        recorder: writes the attempt's replay file; NO_RECORDER for none.
     """
     begun = time.perf_counter()
     rng = np.random.default_rng((seed, SENSING_STREAM, attempt))

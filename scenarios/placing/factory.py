@@ -1,4 +1,4 @@
-"""Placing as the scenario wants it: what every plan of places can do, and which one a cell gets."""
+"""Placing by the scenario: the interface of all plans of places, and the plan of a cell."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class Place(Protocol):
 
     @property
     def fall(self) -> float:
-        """[m] that a workpiece falls when it is let go."""
+        """[m] height of the fall of a released workpiece."""
 
     @property
     def rounds(self) -> int:
-        """How often other slots can be offered until every one was."""
+        """Number of calls of `pass_over` until every slot was tried."""
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
-        """(n,) bool: held at `Ts_part_tool` (n, 4, 4), the workpiece can be put down."""
+        """(n,) bool: a workpiece held at `Ts_part_tool` (n, 4, 4) can be placed."""
 
     def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
-        """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool` (4, 4), most wanted first."""
+        """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool` (4, 4), preferred first."""
 
     def ranks(self) -> tuple[int, ...]:
         """Rank of each pose of the last `tool_poses`; lower is better."""
@@ -46,13 +46,13 @@ class Place(Protocol):
         """A workpiece was put down at this pose of the last `tool_poses`."""
 
     def pass_over(self) -> None:
-        """Offer other slots from now on."""
+        """Use other slots first from now on."""
 
     def room(self, T_world_tool: Array, opening: float) -> bool:
-        """Whether the gripper, `opening` [m] open, has room at a TCP pose (4, 4)."""
+        """Whether the gripper, `opening` [m] open, has clearance at a TCP pose (4, 4)."""
 
     def accepts(self, off: float, turned: float) -> bool:
-        """Whether a rest `off` [m] and `turned` [rad] from the wanted pose is within the tolerance."""
+        """Whether a resting pose that is `off` [m] and `turned` [rad] from the target pose is within the tolerance."""
 
 
 def place_of(scenario: Scenario, bin: Bin, workpiece: Workpiece, gripper: Gripper) -> Place:
@@ -63,7 +63,7 @@ def place_of(scenario: Scenario, bin: Bin, workpiece: Workpiece, gripper: Grippe
 
 
 def check_room(scenario: Scenario, workpiece: Workpiece) -> None:
-    """There is a place for every workpiece.
+    """Check that there is a place for every workpiece.
 
     Raises:
         InputError: `count` is larger than the place, or cells of a pattern reach out of the place bin.

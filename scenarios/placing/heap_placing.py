@@ -1,4 +1,4 @@
-"""Where to put the next workpiece: slots in layers, so that a free place is always at hand."""
+"""Heap placing: slots in layers, so that there is always a free place."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ ABOVE = 0.02  # [m] of the line down to a place over the rim, and over what stan
 
 @dataclass
 class PlacePlan(SlotUsage):
-    """Slots in the place bin, filled layer by layer; what was put where is remembered, not measured.
+    """Slots in the place bin, filled layer by layer; their use is remembered, not measured.
 
     Attributes:
         count: workpieces that are to find a place.
         slots: where they may lie.
         rests: (r, 3, 3) rotations of the CAD in which it is likely to lie on a plane, z up.
-        leaning: (k,) whether each pose that `tool_poses` returned last lets the workpiece go as it will not lie.
+        leaning: (k,) whether each pose that `tool_poses` returned last releases the workpiece in a tilted pose.
         tight: (k,) whether the jaws, opened all the way, would meet a wall there: for a wider next grasp the arm, which
             waits at the place, could not leave it.
     """
@@ -62,25 +62,24 @@ class PlacePlan(SlotUsage):
 
     @property
     def fall(self) -> float:
-        """[m] that a workpiece falls when it is let go."""
+        """[m] height of the fall of a released workpiece."""
         return DROP
 
     @property
     def rounds(self) -> int:
-        """How often `pass_over` brings other slots until every one was tried."""
+        """Number of calls of `pass_over` until every slot was tried."""
         return -(-len(self.slots.centres) // SLOTS_AT_ONCE)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
-        """(n,) bool: held so (n, 4, 4), the workpiece can be put down: in a heap always."""
+        """(n,) bool: a workpiece held at (n, 4, 4) can be placed; in a heap always true."""
         return np.ones(len(Ts_part_tool), dtype=bool)
 
     def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, most wanted first.
 
-        The workpiece hangs over the middle of a slot as it will lie, on the resting face that leans the tool least;
-        released at a slant it would land on an edge and stay standing. After these come the same slots with the tool
-        straight down. The least used slots come first, each in several yaws. How far the jaws open, `opening` [m],
-        makes no difference here.
+        The workpiece is held over the centre of a slot in the resting pose that tilts the tool least; released at a
+        slant it could land on an edge and stay upright. After these come the same slots with the tool straight down.
+        The least used slots come first, each in several yaws. `opening` [m] of the jaws has no effect here.
         """
         T_tool_part = np.linalg.inv(T_part_tool)
         order = np.argsort(np.add(self.used, self.passed), kind="stable")[:SLOTS_AT_ONCE]
@@ -102,9 +101,10 @@ class PlacePlan(SlotUsage):
         return Ts_world_tool
 
     def _tool_rotations(self, T_part_tool: Array) -> list[Array]:
-        """R_bin_tool (3, 3) at yaw 0: the workpiece as flat as the tool may lean, then the tool straight down.
+        """R_bin_tool (3, 3) at yaw 0: the workpiece as flat as the tilt limit of the tool allows, then the tool
+        straight down.
 
-        What cannot be laid down is let go at a slant, so that it falls the right way.
+        A workpiece that cannot be laid flat is released at a slant, so that it falls to the right side.
         """
         down = about_axis((1, 0, 0), np.array(np.pi))[:3, :3]
         if len(self.rests) == 0:
@@ -153,9 +153,9 @@ def likely_rests(workpiece: Workpiece) -> Array:
 
 
 def place_error(T_world_part: Array, T_world_wanted: Array, workpiece: Workpiece) -> tuple[float, float]:
-    """How far a workpiece rests from where it was to be let go: horizontally in [m], and in [rad], symmetry considered.
+    """Difference of a resting pose and the release pose: horizontally in [m], and in [rad], symmetry considered.
 
-    The height is left out: a workpiece is let go just above what lies below.
+    The height is left out, because a workpiece is released just above the surface below.
     """
     off = float(np.linalg.norm((T_world_part - T_world_wanted)[:2, 3]))
     return off, float(rotation_error(T_world_wanted[:3, :3], T_world_part[:3, :3], workpiece.symmetry))

@@ -21,7 +21,7 @@ SAMPLES = 1500  # points of the surface that stand for a workpiece that was plac
 
 @dataclass
 class PatternPlan(SlotUsage):
-    """The cells of a pattern, filled row after row; what was put where is remembered, not measured.
+    """The cells of a pattern, filled row by row; their use is remembered, not measured.
 
     Attributes:
         lean: (k,) of the tool from the vertical in each pose that `tool_poses` returned last, in [rad].
@@ -48,19 +48,19 @@ class PatternPlan(SlotUsage):
 
     @property
     def fall(self) -> float:
-        """[m] that a workpiece falls when it is let go."""
+        """[m] height of the fall of a released workpiece."""
         return HOVER
 
     @property
     def rounds(self) -> int:
-        """How often `pass_over` brings other cells until every free one was tried."""
+        """Number of calls of `pass_over` until every free cell was tried."""
         return -(-self.used.count(0) // SLOTS_AT_ONCE)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
-        """(n,) bool: held so (n, 4, 4), the workpiece can be put down in a cell of an empty bin.
+        """(n,) bool: a workpiece held at (n, 4, 4) can be placed in a cell of an empty bin.
 
         Some symmetric equivalent of the wanted pose leans the tool by MAX_LEAN at most and keeps the gripper off floor
-        and walls. Where it is false the workpiece would have to be gripped anew.
+        and walls. Where it is false, a regrasp is needed.
         """
         shape, can = OpenGripper.of(self.gripper.boxes(0.0)), np.zeros(len(Ts_part_tool), dtype=bool)
         for cell in self._spread():

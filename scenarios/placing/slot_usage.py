@@ -1,4 +1,4 @@
-"""Which slots of a place bin are used, and which could not be reached, whatever kind of place it is."""
+"""Used and unreachable slots of a place bin, for every kind of placing."""
 
 from __future__ import annotations
 

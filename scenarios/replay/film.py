@@ -29,7 +29,7 @@ INK, GOOD, BAD = (40, 36, 27), (60, 130, 30), (50, 60, 190)  # BGR
 
 
 def record(shown: Replayed, path: Path) -> Path:
-    """Write the motion of an attempt; what kind of file decides `path`'s suffix, one of KINDS.
+    """Write the motion of an attempt; the suffix of `path`, one of KINDS, decides the file format.
 
     Raises:
         InputError: another suffix. StoreError: the file cannot be written.

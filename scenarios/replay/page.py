@@ -113,7 +113,7 @@ class ReplayPage:
         self._button.on_click(lambda _: self._toggle())
         with gui.add_folder("Show"):
             for label, names, first in (
-                ("workpieces, as they truly are", [p.name for p in self._parts], True),
+                ("workpieces at their true poses", [p.name for p in self._parts], True),
                 ("estimates (red: out of tolerance)", _names("/estimates", len(shown.wrong)), True),
                 ("measured points", ["/cloud"], False),
                 ("arm", [f"/arm/{name}" for name in shown.links], True),
@@ -124,7 +124,7 @@ class ReplayPage:
             choice = gui.add_dropdown("grasps of", options, initial_value=RANKED)
             choice.on_update(lambda _: self._show_grasps(choice.value))
             self._legend = gui.add_markdown("")
-            self._said = gui.add_markdown("Click a grasp to see why it was taken or not.")
+            self._said = gui.add_markdown("Click a grasp to see why it was chosen or ruled out.")
 
     def _add_switch(self, label: str, names: list[str], first: bool) -> None:
         handles = [h for name in names if (h := self._handle(name)) is not None]
@@ -141,7 +141,7 @@ class ReplayPage:
         return self._server.scene.get_handle_by_name(name)
 
     def _show_grasps(self, choice: str) -> None:
-        """Every grasp of what was chosen, coloured by its verdict; a click names it."""
+        """Show every grasp of the chosen kind, coloured by its verdict; a click names it."""
         rows = self._rows(choice)
         self._server.scene.remove_by_name("/grasps")
         self._server.scene.remove_by_name("/selected")
@@ -192,7 +192,7 @@ class ReplayPage:
         return ruled_out + [c for c in a.candidates if c["estimate"] == k]
 
     def _select(self, row: dict[str, Any]) -> None:
-        """Show the whole gripper at a grasp, and why it was taken or not."""
+        """Show the whole gripper at a grasp, and why it was chosen or ruled out."""
         lines = [f"**{row['grasp']}** on estimate {row['estimate']}: **{row['verdict'].replace('_', ' ')}**"]
         lines.append(row.get("detail") or _meaning(row["verdict"]))
         if "rank" in row:
@@ -242,7 +242,7 @@ class ReplayPage:
 
 
 def _glyph() -> trimesh.Trimesh:
-    """Two fingers, a bar and a stem of a gripper whose opening is 1, as thin as can still be seen."""
+    """Symbol of a gripper of opening 1: two fingers, a bar and a stem, all thin."""
     boxes = (
         ((0.10, 0.001, 0.020), (-0.5, 0.0, -0.010)),
         ((0.10, 0.001, 0.020), (0.5, 0.0, -0.010)),

@@ -1,4 +1,4 @@
-"""`pickproof explain DIR --attempt N`: why one attempt did what it did, from its tree of verdicts."""
+"""`pickproof explain DIR --attempt N`: the decisions of one attempt, from its tree of verdicts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ESTIMATES_SHOWN = 12
 
 
 def explain(attempt: AttemptRecord, index: int, console: Console, shown: int | None = ESTIMATES_SHOWN) -> None:
-    """Print estimates -> grasp points -> verdicts of an attempt, what was chosen and what came of it."""
+    """Print estimates -> grasp points -> verdicts of an attempt, the chosen grasp and the outcome."""
     console.print(_tree(attempt, index, shown))
     if isinstance(attempt.tree, list):
         console.print(_totals(verdict_counts(attempt.tree)))
@@ -87,7 +87,7 @@ def _totals(counts: Counter[str]) -> Table:
     table = Table(title="grasp poses by verdict", title_justify="left")
     table.add_column("verdict")
     table.add_column("poses", justify="right")
-    table.add_column("what it means")
+    table.add_column("meaning")
     for verdict in [CHOSEN, *Verdict]:
         if counts[verdict]:
             table.add_row(

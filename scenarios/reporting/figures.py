@@ -107,7 +107,7 @@ def bin_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.F
             hovertemplate="x %{x} mm, y %{y} mm: %{z:.1f} % (%{text})<extra></extra>",
             zmin=0,
             zmax=100,
-            colorscale="Cividis",  # read alike with every kind of colour vision
+            colorscale="Cividis",  # readable with every kind of colour vision
             colorbar={"title": "%", "thickness": 14, "len": 0.9},
             xgap=1,
             ygap=1,
@@ -124,7 +124,7 @@ def bin_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.F
 
 
 def cycle(parts: Sequence[Mapping[str, Any]]) -> go.Figure:
-    """Where the time of a cycle goes: mean of each part, one after the other, its name beside its bar."""
+    """Parts of the cycle time: mean of each part in sequence, its name beside its bar."""
     figure = go.Figure()
     begin = 0.0
     for part in parts:

@@ -1,4 +1,4 @@
-"""Pictures of a part as PNG: its axes, its ways of lying, its collision pieces, its grasps; parallel projection."""
+"""Pictures of a part as PNG: axes, resting poses, collision pieces, grasps; parallel projection."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def axes_picture(mesh: trimesh.Trimesh, found: FoundSymmetry, degrees: Sequence[
 
 
 def resting_picture(mesh: trimesh.Trimesh, resting: Sequence[Resting]) -> bytes:
-    """The ways of lying side by side, with their probabilities."""
+    """The resting poses side by side, with their probabilities."""
     shown = list(resting)[:6]
     fig = Figure(figsize=(2.4 * max(len(shown), 3), 2.5))
     panels = fig.subplots(1, len(shown), squeeze=False)
@@ -94,7 +94,7 @@ def grasps_picture(mesh: trimesh.Trimesh, points: Sequence[GraspPoint], gripper:
     panels = fig.subplots(1, len(shown), squeeze=False)
     for panel, point in zip(panels[0], shown, strict=True):
         _draw_grasp(panel, mesh, _tool_pose(point), _fingers(point, gripper, point.width))
-        panel.set_title(f"{point.name}: holds under {100 * point.robustness:.0f} % of errors", fontsize=9)
+        panel.set_title(f"{point.name}: holds at {100 * point.robustness:.0f} % of errors", fontsize=9)
     return _png(fig)
 
 
@@ -188,7 +188,7 @@ def _arrow(panel: Axes, view: _View, tip: Array, colour: str, label: str, width:
 def _said(degrees: float) -> str:
     if degrees == 0:
         return ""
-    return ": any turn" if degrees <= 5 else f": {degrees:.4g} deg"
+    return ": any angle" if degrees <= 5 else f": {degrees:.4g} deg"
 
 
 def _order(order: int) -> str:

@@ -32,7 +32,7 @@ from pickproof.scenarios.results.summary import interval, leaves_parts, percent,
 
 FILE = "report.html"
 PICTURE_BYTES = 3_500_000
-"""Pictures are embedded up to this size in all, before base64 makes them a third larger."""
+"""Largest total size of embedded pictures, before base64 adds a third."""
 SUCCESSES_SHOWN = 4
 ROWS_SHOWN = 2000
 ERRORS_MM = (0, 0.25, 0.5, 1, 2, 5)
@@ -53,7 +53,7 @@ class Shown:
 def write_report(directory: Path, file: Path | None = None) -> Path:
     """Write a page from DIR/results.sqlite, to DIR/report.html by default.
 
-    A campaign that was interrupted, or still runs, will do.
+    The campaign may be interrupted or still running.
 
     Raises:
         InputError, StoreError: the results cannot be read, or the page cannot be written.
@@ -69,7 +69,7 @@ def choose_shown(store: Store, attempts: Sequence[AttemptRecord], budget: int = 
     idle = [a for a in attempts if not a.moved]
     good = [a for a in attempts if a.success]
     spread = good[:: max(1, len(good) // SUCCESSES_SHOWN)][:SUCCESSES_SHOWN] if good else []
-    # some room is kept for successes, so that a bad campaign still shows what a good pick looks like
+    # part of the budget is kept for successes, so that every report shows some
     shown, left = _embed(store, spread[:2], budget // 4)
     first, left = _embed(store, failed, budget - budget // 4 + left)
     between, left = _embed(store, idle[:SUCCESSES_SHOWN], left)
@@ -112,7 +112,7 @@ def _render(store: Store, directory: Path) -> str:
 
 
 def _numbers(meta: dict[str, Any], summary: dict[str, Any], attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
-    """What the page's tables show."""
+    """Data of the page's tables."""
     scenario, grasps = Scenario.model_validate_json(meta["scenario"]), grasp_points(attempts)
     return {
         "s": summary,

@@ -72,7 +72,7 @@ def classes(
 
 
 def uncovered_percent(attempt: AttemptRecord) -> float | None:
-    """Share in % of the chosen workpiece on which nothing else was measured, from its ranking."""
+    """Uncovered share in % of the chosen workpiece, from its rank terms."""
     for estimate in attempt.tree if isinstance(attempt.tree, list) else ():
         for candidate in estimate.get("candidates", ()):
             if candidate["verdict"] == CHOSEN and "uncovered" in candidate["terms"]:
@@ -143,7 +143,7 @@ def cycle_parts(attempts: Sequence[AttemptRecord]) -> list[dict[str, Any]]:
 
 
 def verdict_rows(attempts: Sequence[AttemptRecord]) -> list[tuple[Verdict, int, float, str]]:
-    """Verdict, grasp poses that it ruled out, their share of all, and what it means; none without trees."""
+    """Verdict, number of grasp poses that it ruled out, their share, and its meaning; empty without trees."""
     counts: Counter[str] = Counter()
     for attempt in attempts:
         counts.update(verdict_counts(attempt.tree) if isinstance(attempt.tree, list) else {})

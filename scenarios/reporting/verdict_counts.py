@@ -1,4 +1,4 @@
-"""Counts over the trees of attempts: what became of how many grasp poses."""
+"""Counts of verdicts over the trees of attempts."""
 
 from __future__ import annotations
 

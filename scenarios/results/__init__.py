@@ -1,1 +1,1 @@
-"""What a campaign leaves: records, the results file, the summary, replay files."""
+"""Output of a campaign: records, the results file, the summary, replay files."""

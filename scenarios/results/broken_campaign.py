@@ -1,4 +1,4 @@
-"""A campaign whose physics broke down in every attempt has measured nothing, which no exit code 0 may hide."""
+"""Detects a campaign in which the physics failed in every attempt: it must not end with exit code 0."""
 
 from __future__ import annotations
 

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     import pandas
 
 FLAT = tuple(c.name for c in columns_of(AttemptRecord) if c.kind is not None)
-"""What of an attempt is a single value."""
+"""Fields of an attempt that are single values."""
 
 
 @dataclass(frozen=True)
 class CampaignResults:
     """A campaign in a folder that `pickproof run` wrote or is writing; each property is read once, when asked for.
 
-    It is a path too (`os.PathLike`): what takes a folder of results takes it.
+    It is also a path (`os.PathLike`), for functions that take a folder of results.
 
     Attributes:
         directory: holds results.sqlite.
@@ -62,7 +62,7 @@ class CampaignResults:
 
     @cached_property
     def meta(self) -> dict[str, Any]:
-        """What was run: scenario, seed, oracle, hashes and versions."""
+        """The inputs of the campaign: scenario, seed, oracle, hashes and versions."""
         with Store.read(self.directory) as store:
             return store.meta()
 

@@ -29,7 +29,7 @@ def connect(path: Path, mode: str) -> sqlite3.Connection:
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """A connection that reads, also where SQLite may not make the files beside the database that its WAL mode needs.
 
-    There the file is read as one that never changes, unless a journal beside it holds what it lacks.
+    There the file is read as immutable, unless a journal beside it holds newer data.
 
     Raises:
         InputError: the file may not be read.
@@ -49,7 +49,7 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
     connection.close()
     for journal in (path.with_name(f"{path.name}{end}") for end in ("-wal", "-journal")):
         if journal.is_file() and journal.stat().st_size:
-            found = f"holds what {path.name} lacks, and the folder is not writable"
+            found = f"holds data that {path.name} lacks, and the folder is not writable"
             raise StoreError(f"{journal}: {found}; copy the folder to a place where you may write, and read it there")
     return connect(path, "ro&immutable=1")
 
@@ -70,12 +70,12 @@ def lock(directory: Path) -> int:
 
 
 def explained(path: Path, error: sqlite3.Error) -> PickproofError:
-    """What an error of SQLite means for the user, and what to do."""
+    """The message for an error of SQLite: its meaning, and what to do."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return InputError(path, "", str(error), "a file that `pickproof run` wrote")
     if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
-        return StoreError(f"{path}: {error}; attempts up to here are kept, make room and continue with --resume")
+        return StoreError(f"{path}: {error}; attempts up to here are kept; free disk space and continue with --resume")
     if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-        return StoreError(f"{path}: {error}; another program holds it, continue with --resume when it has let go")
+        return StoreError(f"{path}: {error}; another program has locked it; continue with --resume when it has ended")
     return StoreError(f"{path}: {error}")

@@ -1,4 +1,4 @@
-"""What is written down of an attempt and of an episode; definitions in docs/reference/definitions.md."""
+"""Records of an attempt and of an episode; definitions in docs/reference/definitions.md."""
 
 from __future__ import annotations
 
@@ -41,24 +41,24 @@ class Reason(StrEnum):
 NO_PICK_REASONS = frozenset(
     {Reason.NO_DETECTION, Reason.ALL_GRASPS_BLOCKED, Reason.NO_PLACE, Reason.UNREACHABLE, Reason.NO_PATH}
 )
-"""Decisions not to move; they are no attempts and are counted beside the rate."""
+"""Reasons of decisions not to move; these are not attempts and are counted apart from the rate."""
 
 MEANING = {
     Reason.NO_DETECTION: "no workpiece was found that could be verified",
     Reason.WRONG_POSE: "the estimate was outside tolerance of every workpiece",
-    Reason.ALL_GRASPS_BLOCKED: "no grasp left room for the gripper",
-    Reason.NO_PLACE: "no free grasp allows the wanted place; it takes a regrasp",
+    Reason.ALL_GRASPS_BLOCKED: "no grasp has enough clearance for the gripper",
+    Reason.NO_PLACE: "no free grasp allows the required place; a regrasp is needed",
     Reason.UNREACHABLE: "no free grasp was within the arm's reach",
     Reason.NO_PATH: "no collision-free motion was found",
-    Reason.COLLISION: "arm or gripper touched something too hard",
+    Reason.COLLISION: "contact force on arm or gripper above the limit",
     Reason.MISSED: "the gripper closed on nothing",
     Reason.SLIPPED: "lost while lifting",
-    Reason.DROPPED: "lost on the way to the place bin",
-    Reason.DOUBLE_PICK: "more than one workpiece came along",
+    Reason.DROPPED: "lost during the transfer to the place bin",
+    Reason.DOUBLE_PICK: "more than one workpiece was lifted",
     Reason.MISPLACED: "not at rest in the place bin, or out of tolerance",
     Reason.EJECTED: "another workpiece left the bin",
     Reason.TIMEOUT: "took longer than the scenario allows",
-    Reason.SIMULATION_ERROR: "the simulation broke down",
+    Reason.SIMULATION_ERROR: "the simulation failed",
 }
 
 
@@ -88,7 +88,7 @@ class AttemptRecord:
         moved: the arm was commanded to move; False for a no-pick.
         reason: why it failed; empty for a success.
         parts_in_bin_before: workpieces in the source bin when the picture was taken.
-        n_estimates: poses that perception handed on.
+        n_estimates: number of estimates from perception.
         estimate_T_world_part: (4, 4) of the chosen estimate, None where none was chosen.
         estimate_score: of the chosen estimate, in [0, 1].
         error_mm, error_deg: chosen estimate against the nearest true pose; None in no-picks.

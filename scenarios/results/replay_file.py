@@ -1,4 +1,4 @@
-"""What is kept of one attempt to look at it again: a compressed file of arrays, DIR/replay/SEED-ATTEMPT.npz.
+"""The replay file of one attempt: compressed arrays, DIR/replay/SEED-ATTEMPT.npz.
 
 Depth in steps of 0.1 mm as PNG, positions in steps of 10 um, and of every grasp pose its verdict in one byte: some
 200 kB for 30 workpieces and 640 x 480 pixels.
@@ -31,7 +31,7 @@ SHOWN = 8  # attempts that are named where another one was asked for
 
 @dataclass(frozen=True)
 class Motion:
-    """What moved, from the start of an attempt to its end, every 20 ms.
+    """The motion of an attempt from start to end, every 20 ms.
 
     Attributes:
         time: (f,) in [s] from the start.
@@ -52,11 +52,13 @@ class Motion:
 
 @dataclass(frozen=True)
 class Artefact:
-    """One attempt to look at again.
+    """The replay data of one attempt.
 
     Attributes:
-        seed, attempt: which; carrier: `arm`, or `gantry` where the motion was an oracle's.
-        depth: (h, w) measured in [m], 0 where missing; intrinsics, T_world_camera (4, 4): what the cell believes.
+        seed, attempt: identify it; carrier: `arm`, or `gantry` (stored name) for the floating gripper of the motion
+            oracle.
+        depth: (h, w) measured in [m], 0 where missing; intrinsics, T_world_camera (4, 4): the calibration used by the
+            cell.
         Ts_world_estimate: (k, 4, 4), best first; scores (k,); residuals (k,) in [m].
         Ts_part_tool: (p, 4, 4) grasp poses of the CAD; grasps: (p,) name of each; openings: (p,) in [m].
         verdicts: (k, p) why each pose of each estimate was ruled out; empty for those that became candidates.

@@ -1,4 +1,4 @@
-"""Which attempts of a campaign are kept to look at again."""
+"""Selection of the attempts of a campaign that are stored for replay."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ class Store:
     def each_attempt(
         self, seed: int | None = None, without: Collection[str] = (), tree: Callable[[Any], Any] = lambda tree: tree
     ) -> Iterator[AttemptRecord]:
-        """The same one after the other, for files whose trees do not fit into memory together.
+        """Iterate over attempts, for files whose trees do not fit into memory together.
 
         Args:
             without: of `tree` and `waypoints`, what is not read.
@@ -214,7 +214,7 @@ class Store:
         return {row[1] for row in self._db.execute(f"PRAGMA table_info({table})")}
 
     def _migrate(self) -> None:
-        """Add the columns that an older version did not know, all or nothing."""
+        """Add the columns that an older version lacks, in one transaction."""
         with self._errors(), self._db:
             self._db.execute("BEGIN IMMEDIATE")
             for table, columns in (("attempts", _ATTEMPT), ("episodes", _EPISODE)):

@@ -1,4 +1,4 @@
-"""What a campaign comes to: DIR/summary.json, and the same as text."""
+"""The summary of a campaign: DIR/summary.json, and as text."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pickproof.scenarios.statistics.intervals import cluster_interval, wilson
 
 FILE = "summary.json"
 CLEARANCE_WANTED = 0.9
-"""Clearance below which a rate alone would mislead: a good part of the workpieces stays in the bin."""
+"""Clearance below which the rate alone misleads, because many workpieces stay in the bin."""
 
 
 def summarise(store: Store, attempts: Sequence[AttemptRecord] | None = None) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
 
 def _left(summary: dict[str, Any]) -> str:
     left = summary["parts_left_per_episode"]
-    return f"; {left:.1f} left a bin" if left else ""
+    return f"; {left:.1f} left per bin" if left else ""
 
 
 def counts(items: Iterable[tuple[str, int]]) -> str:

@@ -24,7 +24,7 @@ Z95 = float(ndtri(UPPER))
 ICC_PRIOR = 4.0
 """Correlation r within a bin has the prior density 4 (1 - r)^3, of mean 1/5."""
 UNSEEN_FAILURES, UNSEEN_ICC = 4.0, 0.05
-"""Failures that two campaigns together might have had more, and how those are correlated within a bin."""
+"""Additional failures that two campaigns together might have had, and their correlation within a bin."""
 Counts = tuple[Sequence[int], Sequence[int]]
 """Successes and attempts of each episode."""
 
@@ -52,7 +52,7 @@ def cluster_interval(successes: Sequence[int], attempts: Sequence[int]) -> tuple
     (docs/explanation/statistics.md).
 
     Args:
-        successes, attempts: of each episode; episodes without an attempt say nothing.
+        successes, attempts: of each episode; episodes without an attempt have no effect.
     """
     pairs = [(s, m) for s, m in zip(successes, attempts, strict=True) if m > 0]
     if not pairs:
@@ -163,8 +163,8 @@ def ratio_difference_interval(
 ) -> tuple[float, float]:
     """95 % interval of the difference of two ratios of sums over the same episodes, second minus first.
 
-    For measured quantities, such as seconds an attempt: the variance is `difference_interval`'s, without what stands
-    there for failures that were not seen.
+    For measured quantities, such as seconds per attempt: the variance is that of `difference_interval` without the
+    additional failures.
 
     Args:
         first, second: numerators and denominators of each of two or more episodes, in the same order.

@@ -1,4 +1,4 @@
-"""The test of the gate: paired differences, looked at after every episode, stopped as soon as it is decided.
+"""The sequential test of the gate: paired differences are tested after every episode until there is a decision.
 
 Two bets run side by side (Waudby-Smith and Ramdas 2024, section 4; Robbins' mixtures). One player stakes a share of
 his capital on "the candidate is worse" in every episode, at odds that are fair if it is not; the other stakes on "it
@@ -29,10 +29,10 @@ _WEIGHTS = beta.pdf(_SHARES, 2.5, 1.25) / beta.pdf(_SHARES, 2.5, 1.25).sum()  # 
 
 @dataclass(frozen=True)
 class Rule:
-    """What the gate holds to.
+    """Parameters of the gate.
 
     Attributes:
-        margin: loss of rate that must not pass, in (0, 1).
+        margin: loss of rate that the gate must detect, in (0, 1).
         alpha: greatest chance of "worse" if the candidate is not worse.
         power: 1 less the greatest chance of "passed" if it is worse by the margin or more.
     """

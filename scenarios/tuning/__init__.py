@@ -1,1 +1,1 @@
-"""Search for grasp points, rank weights and scenario fields that make more picks succeed."""
+"""Search for grasp points, rank weights and scenario fields with a higher pick success."""

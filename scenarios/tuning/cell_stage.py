@@ -57,9 +57,9 @@ def tune_cell(plan: Plan, journal: JournalStorage, runners: Runners, grasps: Tun
 def winner(search: Search) -> Trial | None:
     """The cell to be proposed, None where none is above the start.
 
-    A cell that was given, the moved table with one set of priorities or the other, is taken before one whose weights
-    were drawn, unless that is better by more than one standard error: of some cells over a few bins the best one is
-    mostly the luckiest (the one-standard-error rule, Breiman et al. 1984).
+    A given cell (the moved table with one of the two sets of priorities) is preferred to one with sampled weights,
+    unless that is better by more than one standard error: over few bins the best of several cells is often best by
+        chance (one-standard-error rule, Breiman et al. 1984).
     """
 
     def best_of(trials: Sequence[Trial]) -> Trial | None:
@@ -74,6 +74,6 @@ def winner(search: Search) -> Trial | None:
 
 
 def _told(finish: Finish) -> Told:
-    """The gain, less the fewer bins it was seen in: the luckiest of many short races would win otherwise."""
+    """The gain, reduced for few bins; otherwise the candidate that is best by chance in short races would win."""
     detail = asdict(finish) | {"interval95": list(finish.interval95)}
     return Told(finish.gain * finish.episodes / (finish.episodes + SHRINK_EPISODES), detail)

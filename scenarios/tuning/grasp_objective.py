@@ -1,4 +1,4 @@
-"""The first stage of `pickproof tune`: one grasp by itself, on a lone workpiece in the physics."""
+"""The first stage of `pickproof tune`: one grasp alone, on a single workpiece in the physics."""
 
 from __future__ import annotations
 
@@ -68,7 +68,8 @@ def try_point(task: GraspTask) -> Told:
     """Share of the errors under which the grasp holds, less for slip, pushes, a wide opening and for being moved far.
 
     Each error is tried at another of the poses that the grasp point stands for: turned, slid, or of a symmetric copy.
-    Where it does not hold it is worth a little the nearer it came: a search that sees only zeros finds nothing.
+    A trial that does not hold has a small value that grows with its closeness to a grip, because a search cannot
+    progress on zeros.
     """
     cell, resting = _cell(task.workpiece, task.gripper)
     cell.rebuild()
@@ -136,6 +137,6 @@ def straddled(cell: TrialCell, T_world_part: Array, T_world_tool: Array, wide: f
 
 @lru_cache(maxsize=1)
 def _cell(workpiece: str, gripper: str) -> tuple[TrialCell, Array]:
-    """Kept by the process: a client of the physics costs 28 MB that never come back."""
+    """One physics world per process, since every new client leaks 28 MB."""
     cell = TrialCell(load_workpiece(workpiece), load_gripper(gripper))
     return cell, cell.resting_poses()

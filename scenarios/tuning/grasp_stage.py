@@ -96,7 +96,7 @@ def settle(plan: Plan, searches: dict[str, Search], runners: Runners) -> TunedGr
 def _finals(plan: Plan, searches: dict[str, Search], old: dict[str, GraspPoint], runners: Runners) -> dict[str, Trial]:
     """Of each search the best of its FINALISTS under other errors too, where it beats the start by WORTH.
 
-    The best of a hundred trials under seven errors is the one that suits these seven.
+    The best of a hundred trials at seven errors is overfitted to these seven.
     """
     errors = _errors(plan, 1)
     heats: list[tuple[str, Trial]] = []

@@ -1,8 +1,8 @@
-"""The search: parameters with bounds, asked and told in generations of a fixed size, kept in Optuna's journal.
+"""The search: parameters with bounds, evaluated in generations of a fixed size, stored in Optuna's journal.
 
-What is asked depends on the seed and on the generations told before, on nothing else: not on the number of workers, and
-not on where the search was interrupted. Half of a generation comes from Optuna's TPE, which looks everywhere, the other
-half steps from the best one known, ever less far; the first one tries the start and one parameter at a time.
+The points of a generation depend only on the seed and the earlier generations, not on the number of workers or on
+interruptions. Half of a generation comes from Optuna's TPE, which looks everywhere, the other half steps from the best
+one known, ever less far; the first one tries the start and one parameter at a time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What `pickproof tune` is asked to do, and what runs its trials and episodes."""
+"""The plan of `pickproof tune`, and the functions that run its trials and episodes."""
 
 from __future__ import annotations
 

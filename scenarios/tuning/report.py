@@ -1,4 +1,4 @@
-"""What `pickproof tune` found: in the terminal, as JSON, and as one self-contained page that fetches nothing."""
+"""The result of `pickproof tune`: in the terminal, as JSON, and as a self-contained page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tuning run is asked for, and the plan that comes of it."""
+"""The request of a tuning run, and the plan built from it."""
 
 from __future__ import annotations
 

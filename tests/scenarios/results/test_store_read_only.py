@@ -184,7 +184,7 @@ def test_journals_without_content_hold_nothing(campaign: Path, refusing: list[st
     with Store.read(campaign) as store:
         assert len(store.attempts()) == ATTEMPTS
     (campaign / f"{FILE}-journal").write_bytes(b"\xd9")
-    with pytest.raises(StoreError, match=r"-journal: holds what results.sqlite lacks"):
+    with pytest.raises(StoreError, match=r"-journal: holds data that results.sqlite lacks"):
         Store.read(campaign)
 
 

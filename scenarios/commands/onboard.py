@@ -21,7 +21,7 @@ from pickproof.cell.mesh.check import UNITS
 from pickproof.cell.mesh.read import read_checked
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
 from pickproof.cell.workpiece.workpiece import SHIPPED, load_workpiece, search_path
-from pickproof.scenarios.commands.arguments import number, some_path
+from pickproof.scenarios.commands.arguments import integer, number, some_path
 from pickproof.scenarios.config.scenario import OF_WORKPIECE, load_scenario
 from pickproof.scenarios.files.atomic import write_json, write_whole
 from pickproof.scenarios.files.grasps_text import table_text
@@ -46,6 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Of the command `onboard`."""
     parser.add_argument("mesh", type=some_path, metavar="MESH", help="STL, OBJ, PLY, GLB, or STEP with pickproof[step]")
     parser.add_argument("--unit", required=True, choices=list(UNITS), help="of the lengths in the file")
+    parser.add_argument(
+        "--body", type=integer(1, 500), metavar="N", help="of bodies in the file that do not touch: 1 for the largest"
+    )
     parser.add_argument("--name", required=True, help="of the workpiece: letters, digits, _ and -")
     parser.add_argument("--material", default="steel", choices=list(MATERIALS), help="default steel")
     parser.add_argument(
@@ -64,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
     if args.symmetry is not None:
         _three(args.symmetry, "--symmetry")  # before the mesh is looked at
     say = _sayer(console)
-    checked = read_checked(args.mesh, args.unit)
+    checked = read_checked(args.mesh, args.unit, args.body)
     mesh, found = search_symmetry(checked)
     say(
         f"mesh: {len(mesh.faces)} faces, {_millimetres(mesh)}, {1e6 * mesh.volume:.2f} cm3"

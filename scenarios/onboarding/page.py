@@ -55,6 +55,7 @@ def record(part: Part, workpiece: Workpiece, held: Held, source: str, unit: str)
         "source": source,
         "unit": unit,
         "notes": list(part.notes),
+        "repair": {"volume_share": part.volume_change, "moved_mm": 1000 * part.moved},
         "T_part_cad": matrix_rows(part.found.T_part_cad),
         "mass": workpiece.mass,
         "com": np.round(workpiece.com, 9).tolist(),

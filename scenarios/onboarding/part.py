@@ -14,7 +14,7 @@ import yaml
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array
 from pickproof.cell.grippers.base import Gripper
-from pickproof.cell.mesh.check import Checked, as_trimesh
+from pickproof.cell.mesh.checked import Checked, as_trimesh
 from pickproof.cell.symmetry.symmetry import INFINITE_BELOW_DEG, Symmetry
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry, check_degrees, find_symmetry
 from pickproof.cell.workpiece.collision_pieces import CollisionBox, CollisionCylinder, CollisionHull
@@ -54,12 +54,18 @@ every machine finds the same grasps."""
 
 @dataclass(frozen=True)
 class Part:
-    """A part that is understood but for its grasps: mesh in [m] in its frame, and what was found of it."""
+    """A part that is understood but for its grasps: mesh in [m] in its frame, and what was found of it.
+
+    Attributes:
+        notes, volume_change, moved: what was repaired, as in `Checked`.
+    """
 
     name: str
     material: str
     mesh: trimesh.Trimesh
     notes: tuple[str, ...]
+    volume_change: float
+    moved: float
     found: FoundSymmetry
     degrees: Degrees
     pieces: Pieces
@@ -101,6 +107,8 @@ def understand(
         material=material,
         mesh=mesh,
         notes=tuple(checked.notes),
+        volume_change=checked.volume_change,
+        moved=checked.moved,
         found=found,
         degrees=degrees,
         pieces=decompose(mesh, symmetry.infinite_axis == 2),

@@ -14,7 +14,7 @@ import trimesh
 from pickproof.cell.child_process import FOLDERS
 from pickproof.cell.errors import InputError
 from pickproof.cell.grippers.registry import load_gripper
-from pickproof.cell.mesh.check import Checked
+from pickproof.cell.mesh.checked import Checked
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.cell.workpiece.resting_poses import resting_poses
 from pickproof.cell.workpiece.workpiece import load_workpiece

@@ -1,8 +1,12 @@
-"""Shared by all tests: the shipped part and gripper, the arm with its cell, and worlds that are closed after use."""
+"""Shared by all tests: the shipped part and gripper, the arm with its cell, worlds that are closed after use, and
+campaigns of planted episodes in this process."""
 
 from __future__ import annotations
 
+import sys
+import types
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,3 +69,38 @@ def new_world() -> Iterator[Callable[..., World]]:
     yield make
     for world in worlds:
         world.close()
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Campaigns run their episodes in this process: starting a worker takes longer than a planted episode."""
+    from pickproof.scenarios.campaign import process_pool
+    from tests.scenarios.in_process import InProcess
+
+    monkeypatch.setattr(process_pool, "Workers", InProcess)
+
+
+@pytest.fixture
+def planted(in_process: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
+    """The command line with planted episodes, called in an empty folder: words -> exit code."""
+    from tests.scenarios import planted_episode
+
+    return _command_line(planted_episode, monkeypatch, tmp_path)
+
+
+@pytest.fixture
+def faked(in_process: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., int]:
+    """The same with the episodes of tests/scenarios/fake_episode.py."""
+    from tests.scenarios import fake_episode
+
+    return _command_line(fake_episode, monkeypatch, tmp_path)
+
+
+def _command_line(episode: types.ModuleType, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[..., int]:
+    from pickproof.scenarios.commands.cli import main
+
+    no_cell = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)  # such episodes read no files
+    monkeypatch.setitem(sys.modules, "pickproof.scenarios.campaign.episode", episode)
+    monkeypatch.setitem(sys.modules, "pickproof.scenarios.picking.workcell", no_cell)
+    monkeypatch.chdir(folder)
+    return lambda *words: main(words)

@@ -12,7 +12,6 @@ from typing import Protocol
 import numpy as np
 
 from pickproof.cell.frames import Array
-from pickproof.cell.geometry.ray_hits import as_rays, exact_hits
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,8 @@ class _Caster:
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
 
     def cast(self, origins: Array, directions: Array) -> Hits:
+        from pickproof.cell.geometry.ray_hits import as_rays, exact_hits  # numba takes a second to import
+
         rays = as_rays(origins, directions)
         return Hits(*exact_hits(self._vertices, self._faces, *rays, self._found(*rays)))
 

@@ -19,7 +19,6 @@ import trimesh
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array, apply, make_transform
 from pickproof.cell.geometry.bin import Box
-from pickproof.cell.geometry.ray_hits import facing
 from pickproof.cell.geometry.raycast import RayCaster, make_caster
 
 DEPTH_SCHEMA = 1
@@ -183,6 +182,8 @@ def render(
         projector_offset: the projector's position in camera coordinates [m]; None for no shadow.
         reflections: follow the rays that workpieces mirror (one more cast), see `Render.reflected`.
     """
+    from pickproof.cell.geometry.ray_hits import facing  # numba takes a second to import
+
     vertices, faces = _scene(part_vertices, part_faces, np.asarray(Ts_world_part), boxes)
     caster = make_caster(vertices, faces, threads)
     shape = (intrinsics.height, intrinsics.width)

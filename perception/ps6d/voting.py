@@ -135,7 +135,7 @@ def vote(votes: Votes, modes: Modes, of_mode: Ints, shape: ShapeModel) -> Catego
     the size of the part so that outliers weigh alike. The position is the mean over the category.
     """
     n = int(of_mode.max(initial=-1)) + 1
-    of_vote = np.where(modes.labels >= 0, np.append(of_mode, -1)[modes.labels], -1)
+    of_vote = category_of_votes(modes, of_mode)
     positions, rotations = np.zeros((n, 3)), np.zeros((n, 3, 3))
     counts, errors = np.zeros(n, dtype=np.int64), np.zeros(n)
     for c in range(n):
@@ -150,6 +150,11 @@ def vote(votes: Votes, modes: Modes, of_mode: Ints, shape: ShapeModel) -> Catego
         best = int(mean_error.argmin())
         rotations[c], errors[c] = R[best], mean_error[best]
     return Categories(positions, rotations, counts, errors, of_mode)
+
+
+def category_of_votes(modes: Modes, of_mode: Ints) -> Ints:
+    """Category (m,) of each vote, -1 for none."""
+    return np.where(modes.labels >= 0, np.append(of_mode, -1)[modes.labels], -1)
 
 
 def evenly(x: Any, n: int) -> Any:

@@ -1,56 +1,31 @@
-"""The back half of perception: votes of the network to verified poses."""
+"""Everything after the network: votes to verified poses.
+
+Takes a depth frame, the workpiece and its votes; gives a `RefineResult`: the poses of the clustering as they are (the
+paper's result) and the poses that ICP and verification leave. docs/perception-refinement.md has the steps in a table.
+"""
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import Field
 
-from pickproof.cell.config import Config, Sigma
 from pickproof.cell.frames import Array, make_transform
 from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.pose_estimate import PoseEstimate
 from pickproof.perception.ps6d.votes import Votes
-from pickproof.perception.ps6d.voting import Categories, ClusterConfig, Modes, cluster, merge, nearest_rotations, vote
-from pickproof.perception.refinement.depth_agreement import soft_score
+from pickproof.perception.ps6d.voting import Categories, ClusterConfig, cluster, merge, nearest_rotations, vote
+from pickproof.perception.refinement.config import RefineConfig
 from pickproof.perception.refinement.depth_surface import SurfaceMap
-from pickproof.perception.refinement.hypotheses import (
-    HypothesisConfig,
-    best_of_each_place,
-    distinct,
-    find_places,
-    propose,
-)
-from pickproof.perception.refinement.icp import COARSE, FINE, LAST, register
+from pickproof.perception.refinement.evidence import inlier_tolerance
+from pickproof.perception.refinement.pose_search import Clustered, PoseSearch
 from pickproof.perception.refinement.score_model import ScoreModel
-from pickproof.perception.refinement.verify import (
-    Claims,
-    VerifyConfig,
-    accepted,
-    examine,
-    inlier_tolerance,
-    on_surface,
-    settle,
-)
-
-
-class RefineConfig(Config):
-    """Settings of the back half."""
-
-    cluster: ClusterConfig = ClusterConfig()
-    hypotheses: HypothesisConfig = HypothesisConfig()
-    verify: VerifyConfig = VerifyConfig()
-    second_round: bool = Field(True, description="search again among the votes that no accepted pose explains")
-    hypotheses_second: HypothesisConfig = HypothesisConfig(votes_per_place=24, keep=4, max_places=8, min_votes_place=5)
-    depth_sigma: Sigma | None = Field(
-        None, description="[m] standard deviation of a measured depth; none: what the frame says"
-    )
+from pickproof.perception.refinement.stage_clock import StageClock
+from pickproof.perception.refinement.verify import Claims, accepted, on_surface, settle
 
 
 @dataclass(frozen=True)
@@ -103,75 +78,59 @@ def refine(
         score_model: calibration of this workpiece; None for the default.
     """
     shape = ShapeModel.of(workpiece)
-    score_model = score_model or ScoreModel()
-    clock = _Clock()
+    clock = StageClock()
     votes = votes.finite()
-    modes, categories = cluster(votes, shape, config.cluster)
-    raw = _raw_estimates(categories, shape, len(votes))
-    if shape.slender:  # folded positions of neighbours on one line agree, so stage 2 joins them: every mode is a place
-        single = config.cluster.model_copy(update={"two_stage": False})
-        categories = vote(votes, modes, merge(modes, modes.positions, single), shape)
+    clustered = _two_stage_clusters(votes, shape, config.cluster)
+    raw = _raw_estimates(clustered.categories, shape, len(votes))
+    clustered = _places_of_every_mode(clustered, shape, config.cluster)
     clock.lap("cluster")
     with torch.inference_mode():
         sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma
         scene = SurfaceMap.of(frame, shape.unit, sigma, roi)
         clock.lap("surface")
-        claims = _search(votes, votes, modes, categories, scene, shape, config, config.hypotheses, score_model, clock)
-        standing = settle(claims, scene, shape, config.verify)
-        winners = accepted(claims, standing, config.verify, score_model.threshold)
+        search = PoseSearch(scene, shape, votes, config, score_model or ScoreModel(), clock)
+        claims, standing = _search_twice(search, clustered)
+        winners = accepted(claims, standing, config.verify, search.score_model.threshold)
         clock.lap("verify")
-        if config.second_round:
-            # what the winners explain is done; each place among the votes left over gets a longer search
-            left = votes.select(~on_surface(votes.points, winners, scene, shape, config.verify))
-            nothing = Modes.none(len(left)), Categories.none()
-            again = _search(left, votes, *nothing, scene, shape, config, config.hypotheses_second, score_model, clock)
-            if len(again):
-                rivals = np.concatenate([standing, len(claims) + np.arange(len(again))])
-                claims = claims.join(again)
-                standing = rivals[settle(claims.select(rivals), scene, shape, config.verify)]
-                winners = accepted(claims, standing, config.verify, score_model.threshold)
-            clock.lap("verify")
     features = claims.evidence.features(inlier_tolerance(scene, config.verify))
     examined = Examined(_transforms(claims, shape), features, claims.scores, standing)
     return RefineResult(_estimates(winners, shape), raw, clock.seconds, examined)
 
 
-def _search(
-    votes: Votes,
-    every_vote: Votes,
-    modes: Modes,
-    categories: Categories,
-    scene: SurfaceMap,
-    shape: ShapeModel,
-    config: RefineConfig,
-    search: HypothesisConfig,
-    score_model: ScoreModel,
-    clock: _Clock,
-) -> Claims:
-    """Hypotheses from `votes`, registered to the depth image and examined."""
-    search = search.of(shape)
-    places = find_places(votes, modes, categories, shape, search)
-    near = votes.select(places.of_vote >= 0)
-    scene = scene.with_centres(near.points, near.centres)
-    proposed = propose(votes, modes, categories, places, scene, shape, search)
-    clock.lap("hypotheses")
-    R, t = register(proposed.rotations, proposed.positions, scene, shape, COARSE)
-    coarse = replace(
-        proposed, rotations=R, positions=t, scores=soft_score(R, t, scene, shape, 128, 0.03 * shape.fineness).numpy()
-    )
-    kept = coarse.select(best_of_each_place(coarse, shape, search.keep_after_coarse, 0.03))
-    kept = kept.select(distinct(kept.rotations, kept.positions, kept.scores, shape, 0.02))
-    R, t = register(kept.rotations, kept.positions, scene, shape, FINE)
-    clock.lap("icp")
-    rules = config.verify
-    first = examine(R, t, scene, shape, rules, every=2)
-    plausible = np.flatnonzero((first.ratio >= rules.min_ratio - 0.2) & (first.inliers >= rules.min_visible))
-    i = plausible[distinct(R[plausible], t[plausible], first.area[plausible], shape, 0.01)]
-    R, t = register(R[i], t[i], scene, shape, LAST)
-    evidence = examine(R, t, scene, shape, rules, every_vote)
-    scores = score_model.score(evidence.features(inlier_tolerance(scene, rules)))
-    clock.lap("verify")
-    return Claims(R, t, evidence, scores)
+def _two_stage_clusters(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Clustered:
+    """Two-stage clustering and pose voting."""
+    return Clustered(votes, *cluster(votes, shape, config))
+
+
+def _places_of_every_mode(clustered: Clustered, shape: ShapeModel, config: ClusterConfig) -> Clustered:
+    """For slender parts every mode is a place: stage 2 joins neighbours on one line, whose folded positions agree."""
+    if not shape.slender:
+        return clustered
+    modes = clustered.modes
+    of_mode = merge(modes, modes.positions, config.model_copy(update={"two_stage": False}))
+    return Clustered(clustered.votes, modes, vote(clustered.votes, modes, of_mode, shape))
+
+
+def _search_twice(search: PoseSearch, clustered: Clustered) -> tuple[Claims, NDArray[np.int64]]:
+    """Claims, and the indices (s,) of those without a better rival.
+
+    What the accepted claims of the first search explain is done; the places among the votes left over get a second,
+    longer search.
+    """
+    config, scene, shape = search.config, search.scene, search.shape
+    claims = search.claims(clustered, config.hypotheses)
+    standing = settle(claims, scene, shape, config.verify)
+    if not config.second_round:
+        return claims, standing
+    winners = accepted(claims, standing, config.verify, search.score_model.threshold)
+    left = clustered.votes.select(~on_surface(clustered.votes.points, winners, scene, shape, config.verify))
+    search.clock.lap("verify")
+    again = search.claims(Clustered.unclustered(left), config.hypotheses_second)
+    if len(again) == 0:
+        return claims, standing
+    rivals = np.concatenate([standing, len(claims) + np.arange(len(again))])
+    claims = claims.join(again)
+    return claims, rivals[settle(claims.select(rivals), scene, shape, config.verify)]
 
 
 def _estimates(claims: Claims, shape: ShapeModel) -> list[PoseEstimate]:
@@ -200,12 +159,4 @@ def _raw_estimates(categories: Categories, shape: ShapeModel, n_votes: int) -> l
     ]
 
 
-class _Clock:
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-        self._last = now
+__all__ = ["Examined", "RefineConfig", "RefineResult", "refine"]

@@ -12,55 +12,27 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from pickproof.cell.errors import InputError
 from pickproof.cell.numerics import check_processor
-from pickproof.scenarios.campaign.executor import STALL_S, Event, Failure, Kind, Pool, Task
-from pickproof.scenarios.campaign.job import Job, Runner
+from pickproof.scenarios.campaign.executor import Event, Failure, Kind, Pool, Task
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.config.input_hashes import changed, input_hashes, inputs_hash, versions
 from pickproof.scenarios.config.provenance import provenance
 from pickproof.scenarios.config.scenario import Scenario, scenario_hash, scenario_json
 from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord, Reason
-from pickproof.scenarios.results.replay_selection import Keep
 from pickproof.scenarios.results.store import Store
 
 RETRIES: dict[Kind, int] = {"broken": 0, "crashed": 1, "killed": 9}
 """How often an episode is run again after each kind of failure; a kill from outside says nothing about the episode."""
 
 
-def run_campaign(
-    scenario: Scenario,
-    *,
-    episodes: int,
-    seed: int,
-    workers: int,
-    oracle: frozenset[str],
-    out: Path,
-    runner: Runner,
-    weights_hash: str = "",
-    command: str = "",
-    resume: bool = False,
-    pictures: bool = True,
-    keep: Keep | None = None,
-    on_event: Callable[[Event], None] = lambda event: None,
-    stall_s: float = STALL_S,
-    expected_s: Mapping[int, float] | None = None,
-    ray: str | None = None,
-) -> None:
-    """Run the episodes that `out` does not hold yet and commit every attempt as it ends.
+def run_campaign(request: CampaignRequest, on_event: Callable[[Event], None] = lambda event: None) -> None:
+    """Run the episodes that `request.out` does not hold yet and commit every attempt as it ends.
 
     Args:
-        workers: episodes at a time; with `ray`, 0 for all processors of the cluster.
-        oracle: stages replaced by ground truth.
-        runner: runs one episode; it is sent to the workers by its import path.
-        command: the command line, for the report.
-        keep: which attempts are kept to look at again; None for none.
         on_event: called in the driver after each commit.
-        stall_s: [s] without a word from an episode after which it counts as hung.
-        expected_s: seed -> time that its episode takes, where known: the longest are begun first.
-        ray: address of a Ray cluster, or `local` to start one here; None for worker processes.
 
     Raises:
         InputError: `out` holds results and `resume` is off, or they are of another campaign; or there is no such
@@ -69,35 +41,20 @@ def run_campaign(
         KeyboardInterrupt: Ctrl-C or SIGTERM; what had ended is committed.
     """
     check_processor()
-    inputs = input_hashes(scenario, oracle)
-    identity = {
-        "scenario_hash": scenario_hash(scenario),
-        "seed": seed,
-        "oracle": sorted(oracle),
-        "weights_hash": weights_hash,
-        "inputs": inputs,
-        "versions": versions(),
-    }
-    told = {"scenario": scenario_json(scenario), "episodes": episodes, "command": command, "wall_s": 0.0}
-    told |= provenance()
-    begun = time.perf_counter()
-    task = Task(runner, Job(scenario, seed, oracle, pictures, keep), identity, stall_s)
+    begun, identity = time.perf_counter(), _identity(request)
+    task = Task(request.runner, request.first_job, identity, request.stall_s)
     with (
         _signals_noted() as interrupted,
-        _pool(task, workers, interrupted, ray) as pool,
-        Store.resume(out)
-        if resume
-        else Store.create(out, identity | told | {"inputs_hash": inputs_hash(inputs)}) as store,
+        _pool(task, request, interrupted) as pool,
+        _store(request, identity) as store,
     ):
-        if resume:
-            _check_same(store, identity, episodes, out)
         wall_before = float(store.meta()["wall_s"])
-        store.set_meta({"command": command, "episodes": episodes})
+        store.set_meta({"command": request.command, "episodes": request.episodes})
         store.forget_unfinished()
         done = {e.seed for e in store.episodes()}
-        todo = _longest_first([s for s in range(seed, seed + episodes) if s not in done], expected_s or {})
+        todo = _longest_first([s for s in request.seeds if s not in done], request.expected_s)
         try:
-            for event in _attempted(pool, todo, scenario, store):
+            for event in _attempted(pool, todo, request.scenario, store):
                 on_event(event)
         finally:
             for event in pool.stop():
@@ -105,16 +62,47 @@ def run_campaign(
             store.set_meta({"wall_s": wall_before + time.perf_counter() - begun})
 
 
+def _identity(request: CampaignRequest) -> dict[str, Any]:
+    """What decides the records: a campaign is continued, and an episode is run, only where all of it is the same."""
+    return {
+        "scenario_hash": scenario_hash(request.scenario),
+        "seed": request.seed,
+        "oracle": sorted(request.oracle),
+        "weights_hash": request.weights_hash,
+        "inputs": input_hashes(request.scenario, request.oracle),
+        "versions": versions(),
+    }
+
+
+def _store(request: CampaignRequest, identity: dict[str, Any]) -> Store:
+    """The store of the results, new or continued."""
+    if request.resume:
+        store = Store.resume(request.out)
+        try:
+            _check_same(store, identity, request)
+        except BaseException:
+            store.close()
+            raise
+        return store
+    told = {
+        "scenario": scenario_json(request.scenario),
+        "episodes": request.episodes,
+        "command": request.command,
+        "wall_s": 0.0,
+    }
+    return Store.create(request.out, identity | told | provenance() | {"inputs_hash": inputs_hash(identity["inputs"])})
+
+
 @contextmanager
-def _pool(task: Task, workers: int, interrupted: Callable[[], bool], ray: str | None) -> Iterator[Pool]:
-    if ray is None:
+def _pool(task: Task, request: CampaignRequest, interrupted: Callable[[], bool]) -> Iterator[Pool]:
+    if request.ray is None:
         from pickproof.scenarios.campaign.process_pool import Workers
 
-        yield Workers(task, workers, interrupted)
+        yield Workers(task, request.workers, interrupted)
     else:
         from pickproof.scenarios.campaign.ray_pool import connected
 
-        with connected(ray, workers, task, interrupted) as pool:
+        with connected(request.ray, request.workers, task, interrupted) as pool:
             yield pool
 
 
@@ -169,18 +157,14 @@ def _failed(store: Store, scenario: Scenario, failure: Failure) -> list[Event]:
     return [Event(failure.seed, attempt=last), Event(failure.seed, episode=end)]
 
 
-def _check_same(store: Store, identity: dict[str, Any], episodes: int, out: Path) -> None:
-    stored = store.meta()
+def _check_same(store: Store, identity: dict[str, Any], request: CampaignRequest) -> None:
+    stored, out = store.meta(), request.out
     different = changed(stored, identity)
     if different:
-        raise InputError(
-            "command line",
-            f"--resume {out}",
-            f"changed: {', '.join(different)}",
-            "what the results there were made with",
-        )
-    if episodes < stored["episodes"]:
-        raise InputError("command line", "--episodes", episodes, f"at least {stored['episodes']} as in {out}")
+        valid = "what the results there were made with"
+        raise InputError("command line", f"--resume {out}", f"changed: {', '.join(different)}", valid)
+    if request.episodes < stored["episodes"]:
+        raise InputError("command line", "--episodes", request.episodes, f"at least {stored['episodes']} as in {out}")
 
 
 @contextmanager

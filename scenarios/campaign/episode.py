@@ -11,17 +11,18 @@ import numpy as np
 from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.picking.cell_model import SOURCE
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.pick import Perceive, attempt_pick
-from pickproof.scenarios.picking.recorder import Recorder
+from pickproof.scenarios.picking.recorder import AttemptRecorder, recorder_of
 from pickproof.scenarios.picking.stages import Estimates
-from pickproof.scenarios.picking.workcell import SOURCE, Workcell
+from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import AttemptRecord, End, EpisodeRecord, Reason
 
 ORACLE_PIXELS = 150
 """The perception oracle knows the workpieces of which at least this many pixels are seen."""
 NO_PICKS_IN_A_ROW = 3
-"""Images taken one after the other that offer nothing to pick before a bin counts as stuck."""
+"""Images taken one after the other with nothing to pick before a bin counts as stuck."""
 
 
 def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
@@ -30,7 +31,7 @@ def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> Episod
     scenario, exact = job.scenario, "perception" in job.oracle
     perceive = oracle_perception if exact else ps6d(scenario.workpiece, scenario.perception.min_score)
     cell = Workcell.build(scenario, job.seed, job.pictures, job.oracle)
-    recorder = Recorder(cell, job.keep) if job.keep is not None and job.keep.which != "none" else None
+    recorder = recorder_of(cell, job.keep)
     try:
         state = EpisodeState.of(cell)
         picked, attempts, end = _pick_until_end(cell, perceive, state, job.seed, on_attempt, recorder)
@@ -45,7 +46,7 @@ def _pick_until_end(
     state: EpisodeState,
     seed: int,
     on_attempt: Callable[[AttemptRecord], None],
-    recorder: Recorder | None,
+    recorder: AttemptRecorder,
 ) -> tuple[int, int, End]:
     """Successes, attempts with no-picks, and how it ended."""
     stop = cell.scenario.stop

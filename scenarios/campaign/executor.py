@@ -1,4 +1,4 @@
-"""What runs the episodes of a campaign: worker processes (`workers.py`) or a Ray cluster (`cluster.py`).
+"""What runs the episodes of a campaign: worker processes (`process_pool.py`) or a Ray cluster (`ray_pool.py`).
 
 Whatever it is, an episode is one task, named by the scenario's hash and its seed. It may be run again at any time and
 gives the same records; the driver alone writes them down.

@@ -1,8 +1,8 @@
 """Episodes on a Ray cluster (`pip install pickproof[cluster]`).
 
-A Ray task runs one episode, in a worker process of its own on the node (`workers.py`): the same environment, one thread
-a library, the same records as here. Its attempts stream to the driver, which alone writes them down; the object store
-holds nothing that is not read at once. A task that is lost with its node is begun again from the seed.
+A Ray task runs one episode, in a worker process of its own on the node (`process_pool.py`): the same environment, one
+thread a library, the same records as here. Its attempts stream to the driver, which alone writes them down; the object
+store holds nothing that is not read at once. A task that is lost with its node is begun again from the seed.
 """
 
 from __future__ import annotations

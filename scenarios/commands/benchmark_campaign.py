@@ -26,6 +26,7 @@ from rich.table import Table
 from pickproof.scenarios.campaign.campaign import run_campaign
 from pickproof.scenarios.campaign.episode import run_episode
 from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.commands.arguments import file_to_write, integer
 from pickproof.scenarios.config.scenario import Scenario, load_scenario, weights_used
 from pickproof.scenarios.files.atomic import write_json
@@ -40,7 +41,7 @@ STAGES = (
     ("sensor", "pickproof.scenarios.picking.workcell.measure"),
     ("choose", "pickproof.scenarios.picking.pick.choose"),
     ("plan", "pickproof.scenarios.picking.pick.decide"),
-    ("motion", "pickproof.scenarios.picking.pick.move"),
+    ("motion", "pickproof.scenarios.picking.pick.execute_pick"),
 )
 """Parts of an attempt, and the functions whose time they are."""
 
@@ -144,8 +145,8 @@ def _campaign(
 ) -> tuple[list[Timed], float]:
     """Times of the episodes, and processor time [s] of the driver while they ran."""
     start = time.process_time()
-    run_campaign(
-        scenario,
+    request = CampaignRequest(
+        scenario=scenario,
         episodes=episodes,
         seed=scenario.seed,
         workers=workers,
@@ -156,6 +157,7 @@ def _campaign(
         pictures=False,
         expected_s=expected_s,
     )
+    run_campaign(request)
     spent = time.process_time() - start
     check_ran(folder / "out")
     with Store.read(folder / "out") as store:

@@ -8,7 +8,7 @@ import json
 from rich.console import Console
 
 from pickproof.scenarios.commands.arguments import some_path
-from pickproof.scenarios.reporting.explain import ESTIMATES_SHOWN, explain, nth_attempt
+from pickproof.scenarios.reporting.explain import ESTIMATES_SHOWN, explain
 from pickproof.scenarios.results.store import Store
 
 
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     with Store.read(args.directory) as store:
-        attempt = nth_attempt(store.attempts(), args.attempt)
+        attempt = store.nth_attempt(args.attempt)
     if args.json:
         head = {"seed": attempt.seed, "attempt": attempt.attempt, "success": attempt.success, "reason": attempt.reason}
         print(json.dumps(head | {"grasp": attempt.grasp, "tree": attempt.tree}, indent=2))

@@ -13,7 +13,6 @@ from pickproof.robots.program.tp_program import write_program
 from pickproof.robots.program.waypoints import waypoints_from_json
 from pickproof.scenarios.commands.arguments import file_to_write, integer, some_path
 from pickproof.scenarios.config.scenario import Scenario
-from pickproof.scenarios.reporting.explain import nth_attempt
 from pickproof.scenarios.results.store import Store
 
 
@@ -35,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     with Store.read(args.directory) as store:
-        attempt = nth_attempt(store.attempts(), args.attempt)
+        attempt = store.nth_attempt(args.attempt)
         scenario = Scenario.model_validate_json(store.meta()["scenario"])
     if not attempt.waypoints:
         raise InputError("command line", "--attempt", args.attempt, "an attempt in which the arm moved")

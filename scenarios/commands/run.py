@@ -12,6 +12,7 @@ from rich.console import Console
 
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.campaign.campaign import run_campaign
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.commands.arguments import MAX_SEED, add_scenario_arguments, folder_to_write, integer
 from pickproof.scenarios.commands.live_view import LiveView
 from pickproof.scenarios.config.scenario import load_scenario, weights_used
@@ -67,8 +68,8 @@ def main(args: argparse.Namespace) -> int:
         )
     try:
         with LiveView(console, args.episodes, scenario.count, done) as view:
-            run_campaign(
-                scenario.model_copy(update={"seed": seed}),
+            request = CampaignRequest(
+                scenario=scenario.model_copy(update={"seed": seed}),
                 episodes=args.episodes,
                 seed=seed,
                 workers=args.workers or (0 if args.ray else 1),
@@ -81,8 +82,8 @@ def main(args: argparse.Namespace) -> int:
                 command=f"pickproof {shlex.join(args.words)}",
                 resume=args.resume,
                 pictures=not args.no_pictures,
-                on_event=view.update,
             )
+            run_campaign(request, view.update)
     except KeyboardInterrupt:
         with Store.read(out) as store:
             kept = len(store.attempts(large=False))

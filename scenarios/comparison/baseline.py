@@ -14,6 +14,7 @@ from pickproof.cell.config import Config, parse
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.campaign.campaign import Event, run_campaign
 from pickproof.scenarios.campaign.job import Runner
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.comparison.paired import MEASURES, Measure, Outcome, outcomes
 from pickproof.scenarios.config.scenario import Scenario, weights_used
 from pickproof.scenarios.files.atomic import write_whole
@@ -167,13 +168,12 @@ class Execution:
         on_event: Callable[[Event], None] = lambda event: None,
     ) -> None:
         """Run the episodes from `seed` on as far as a measure needs them."""
-        run_campaign(
-            measured_as(scenario, measure).model_copy(update={"seed": seed}),
+        request = CampaignRequest(
+            scenario=measured_as(scenario, measure).model_copy(update={"seed": seed}),
             episodes=episodes,
             seed=seed,
             weights_hash=weights_used(scenario, self.oracle),
             pictures=False,
-            on_event=on_event,
             out=self.out,
             runner=self.runner,
             workers=self.workers,
@@ -181,3 +181,4 @@ class Execution:
             resume=self.resume,
             command=self.command,
         )
+        run_campaign(request, on_event)

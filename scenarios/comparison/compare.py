@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from typing import Literal
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy.stats import binomtest, norm
+from scipy.special import ndtri
 
 from pickproof.scenarios.comparison.paired import Outcome, changed_fields, check_same_bins, outcomes, same_seeds
 from pickproof.scenarios.config.input_hashes import changed as changed_names
@@ -76,12 +77,13 @@ class Comparison:
     more_to_bound: int | None
 
 
-def compare(a: Path, b: Path) -> Comparison:
-    """Compare the campaigns in two folders over the episodes that ended in both.
+def compare(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> Comparison:
+    """Compare two campaigns, or the campaigns in two folders, over the episodes that ended in both.
 
     Raises:
         InputError: there is nothing in a folder, or the campaigns were not over the same bins.
     """
+    a, b = Path(a), Path(b)
     with Store.read(a) as first, Store.read(b) as second:
         metas = first.meta(), second.meta()
         changed = changed_fields(metas[0]["scenario"], metas[1]["scenario"])
@@ -134,6 +136,8 @@ def difference_of(a: Counts, b: Counts) -> Difference:
 
 
 def _first_attempts(a: Sequence[Outcome], b: Sequence[Outcome]) -> FirstAttempts:
+    from scipy.stats import binomtest  # takes a second to import
+
     n, pairs = len(a), Counter((x.first, y.first) for x, y in zip(a, b, strict=True))
     only_a, only_b, both = pairs[True, False], pairs[False, True], pairs[True, True]
     p = binomtest(only_a, only_a + only_b).pvalue if only_a + only_b else 1.0
@@ -182,7 +186,7 @@ def _more(variance: float, difference: float, power: float, have: int) -> int | 
     """Episodes that are missing for a two-sided test at 5 % to find a difference."""
     if difference == 0:
         return None
-    need = ceil((norm.ppf(0.975) + norm.ppf(power)) ** 2 * variance / difference**2)
+    need = ceil((ndtri(0.975) + ndtri(power)) ** 2 * variance / difference**2)
     return None if need > BEYOND else max(0, need - have)
 
 

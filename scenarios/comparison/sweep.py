@@ -17,6 +17,7 @@ from pickproof.cell.config import yaml_value
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.campaign.campaign import run_campaign
 from pickproof.scenarios.campaign.job import Runner
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.config.scenario import Scenario, load_scenario, scenario_hash, weights_used
 from pickproof.scenarios.results.store import FILE, Store
 from pickproof.scenarios.results.summary import interval, percent, summarise, write_summary
@@ -102,8 +103,8 @@ def run_point(
 
     `expected_s` holds what each seed's episode took last [s]; it is brought up to date.
     """
-    run_campaign(
-        point.scenario,
+    request = CampaignRequest(
+        scenario=point.scenario,
         episodes=episodes,
         seed=point.scenario.seed,
         workers=workers,
@@ -116,6 +117,7 @@ def run_point(
         resume=(point.folder / FILE).is_file(),
         pictures=False,
     )
+    run_campaign(request)
     with Store.read(point.folder) as store:
         summary = summarise(store)
         expected_s.update((e.seed, e.wall_s) for e in store.episodes())

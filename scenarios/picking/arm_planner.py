@@ -1,4 +1,4 @@
-"""Who plans the motion of a candidate: the arm, or the floating gripper of the motion oracle."""
+"""Plans the arm's motion of one candidate after the other, with what the camera measured as obstacle."""
 
 from __future__ import annotations
 
@@ -16,22 +16,20 @@ from pickproof.robots.collision.scene import CollisionScene, HeightField
 from pickproof.robots.failure import PlanFailure
 from pickproof.robots.motion.dynamics import Load
 from pickproof.robots.plan.pick_plan import PickPlan, PickRequest, check_grasps, plan_pick
+from pickproof.scenarios.picking.cell_model import CellModel
 from pickproof.scenarios.picking.episode_state import EpisodeState, waits_at
-from pickproof.scenarios.picking.heap_heightmap import Scan, scene_points
-from pickproof.scenarios.picking.motion_oracle import free_plan
-from pickproof.scenarios.picking.workcell import Workcell
+from pickproof.scenarios.picking.heap_heightmap import Scan
 
 SEARCHES = 6
 """Candidates of a decision for which a path is searched, which takes seconds; then only quick ways are tried."""
 OVER_RIM = 0.008  # [m] the lowest corner of a part that has been lifted out of the bin
-CARRY_ACCELERATION = 15.0  # [m/s2] of the TCP with a workpiece, at full speed scale
 
 
 class ArmPlanner:
     """Plans of the arm for one candidate after the other; collision scenes are built once for each opening."""
 
-    def __init__(self, cell: Workcell, frame: DepthFrame, state: EpisodeState, seed: int) -> None:
-        self._cell, self._memory, self._seed = cell, state, seed
+    def __init__(self, cell: CellModel, frame: DepthFrame, state: EpisodeState, seed: int) -> None:
+        self._cell, self._state, self._seed = cell, state, seed
         self._scan = Scan.of(cell, frame)
         self._placed = state.placed.heights(), state.placed.heights(last=False)
         self._scenes: dict[float, CollisionScene] = {}
@@ -40,22 +38,24 @@ class ArmPlanner:
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
         cell, opening = self._cell, candidate.opening
-        scene = self._scenes.get(opening)
-        if scene is None:
-            waits = None if self._memory.waits_at is None else cell.gripper.flange_boxes(self._memory.opened)
-            boxes = cell.gripper.flange_boxes(opening)
-            kept_clear = ["pile", *(box.name for box in cell.source.boxes() if "wall" in box.name)]
-            scene = CollisionScene(
-                cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed, kept_clear
-            )
-            self._scenes[opening] = scene
+        if opening not in self._scenes:
+            self._scenes[opening] = self._scene(opening)
+        scene = self._scenes[opening]
         stop = next(iter(check_grasps(scene, candidate.T_world_tool[None], cell.gripper.T_flange_tool)))
         if stop is not None:
             return stop
         self.planned += 1
-        request = request_of(cell, candidate, self._memory, self._seed)
+        request = request_of(cell, candidate, self._state, self._seed)
         searched = self.planned <= SEARCHES
         return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate), searched=searched))
+
+    def _scene(self, opening: float) -> CollisionScene:
+        """The cell with the heap and what was placed, for a gripper that is `opening` [m] open."""
+        cell = self._cell
+        waits = None if self._state.waits_at is None else cell.gripper.flange_boxes(self._state.opened)
+        boxes = cell.gripper.flange_boxes(opening)
+        kept_clear = ["pile", *(box.name for box in cell.source.boxes() if "wall" in box.name)]
+        return CollisionScene(cell.robot, boxes, cell.obstacles, self._scan.field, waits, *self._placed, kept_clear)
 
     def _pile_without(self, candidate: GraspCandidate) -> HeightField:
         k = candidate.estimate
@@ -65,27 +65,13 @@ class ArmPlanner:
         return self._piles[k]
 
 
-class FreePlanner:
-    """Plans of the motion oracle."""
-
-    def __init__(self, cell: Workcell, frame: DepthFrame, state: EpisodeState) -> None:
-        self._cell, self._memory = cell, state
-        self._points = scene_points(cell, frame)
-        self._acceleration = CARRY_ACCELERATION * cell.scenario.carry.speed_scale
-        self.planned = 0
-
-    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
-        self.planned += 1
-        return free_plan(self._cell, self._points, candidate, self._memory, self._acceleration)
-
-
-def request_of(cell: Workcell, candidate: GraspCandidate, state: EpisodeState, seed: int) -> PickRequest:
+def request_of(cell: CellModel, candidate: GraspCandidate, state: EpisodeState, seed: int) -> PickRequest:
     """What the planner is asked for one candidate."""
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     held = HeldPart(cell.workpiece.pieces, T_tool_part)
     places = state.place.tool_poses(candidate.T_part_tool, candidate.opening)
     cups, middle = not isinstance(cell.gripper, ParallelJaw), cell.source.T_world_bin[:2, 3]
-    off = _off(candidate.T_world_tool, middle) if cups else (0.0, 0.0, 1.0)
+    retract = _retract_direction(candidate.T_world_tool, middle) if cups else (0.0, 0.0, 1.0)
     return PickRequest(
         q_start=waits_at(cell, state),
         q_end=None,
@@ -94,13 +80,13 @@ def request_of(cell: Workcell, candidate: GraspCandidate, state: EpisodeState, s
         T_flange_tool=T_flange_tool,
         held=held,
         approach=candidate.point.approach_distance,
-        retract_direction=off,
+        retract_direction=retract,
         retract=candidate.point.retract_distance,
-        clear=_out_of_bin(cell, held.seen_from(candidate.T_world_tool), off[2]),
+        clear=_out_of_bin(cell, held.seen_from(candidate.T_world_tool), retract[2]),
         place_height=state.place.line,
-        carry_acceleration=CARRY_ACCELERATION * cell.scenario.carry.speed_scale,
+        carry_acceleration=cell.carry_acceleration,
         seed=seed,
-        dt=cell.world.dt,
+        dt=cell.dt,
         depart=0.0 if state.waits_at is None else state.place.line,
         narrowing=_narrowing(cell, candidate.opening, state),
         straight=cell.scenario.carry.straight,
@@ -111,13 +97,13 @@ def request_of(cell: Workcell, candidate: GraspCandidate, state: EpisodeState, s
     )
 
 
-def _out_of_bin(cell: Workcell, held: HeldPart, up: float) -> float:
+def _out_of_bin(cell: CellModel, held: HeldPart, up: float) -> float:
     """Length in [m] of the line on which a part, given in the world, comes OVER_RIM over the rim; `up` is its slope."""
     rim = cell.source.T_world_bin[2, 3] + cell.source.inner[2]
     return float(max(0.0, rim + OVER_RIM - held.corners[:, 2].min()) / up)
 
 
-def _off(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:
+def _retract_direction(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:
     """Unit vector halfway between straight up and the way that a leaning tool comes from, where it leads inwards.
 
     Cups and magnets hold a face, not sides: straight up would drag a workpiece that leans on a wall along that wall.
@@ -130,7 +116,7 @@ def _off(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _narrowing(cell: Workcell, opening: float, state: EpisodeState) -> float:
+def _narrowing(cell: CellModel, opening: float, state: EpisodeState) -> float:
     """Time in [s] in which the jaws come from how they wait to a narrower `opening` [m]."""
     if state.waits_at is None or not isinstance(cell.gripper, ParallelJaw) or state.opened <= opening:
         return 0.0

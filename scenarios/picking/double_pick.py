@@ -8,37 +8,21 @@ nothing is decided.
 from __future__ import annotations
 
 import math
-from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pickproof.cell.frames import Array
 from pickproof.cell.physics.force_torque_sensor import PATIENCE, QUIET, weigh, weigh_swinging
 from pickproof.cell.physics.trajectory_execution import MotionLog, execute
 from pickproof.cell.physics.world import GRAVITY
-from pickproof.robots.motion.trajectory import joint_move
-from pickproof.robots.plan.pick_plan import PickPlan
-from pickproof.robots.program.waypoints import before_end
-from pickproof.scenarios.picking.motion_oracle import free_raise
-
-if TYPE_CHECKING:
-    from pickproof.scenarios.config.scenario import WristConfig
-    from pickproof.scenarios.picking.workcell import Workcell
+from pickproof.robots.motion.trajectory import Trajectory
+from pickproof.scenarios.config.scenario import WristConfig
+from pickproof.scenarios.picking.stages import Weighed
+from pickproof.scenarios.picking.workcell import Workcell
 
 RAISED = 0.06  # [m] over a place, clear of what lies there
-RAISING = 0.3  # share of the joints' limits
 STEADY = 0.1  # of a workpiece's weight: spread of the reading over which it may swing
 SIGMAS = 4.5
 """Standard deviations of the mean reading within half a workpiece's weight, and within what `double_above` leaves."""
-
-
-class Weighed(StrEnum):
-    """How many workpieces the wrist says came along."""
-
-    ONE = "one"
-    SEVERAL = "several"
-    CANNOT_TELL = "cannot tell"
 
 
 def readings(wrist: WristConfig, mass: float) -> int:
@@ -53,11 +37,11 @@ def readings(wrist: WristConfig, mass: float) -> int:
     return n if n == 1 or n * wrist.seconds <= PATIENCE + 1e-9 else 0
 
 
-def count_by_weight(cell: Workcell, plan: PickPlan, rng: np.random.Generator) -> tuple[Weighed, MotionLog]:
+def count_by_weight(cell: Workcell, carry: Trajectory, rng: np.random.Generator) -> tuple[Weighed, MotionLog]:
     """Whether what hangs on the arm, which stands still over the place, weighs as much as several workpieces.
 
     What leans on the bin or on a neighbour there presses on the wrist too, so whatever seems too heavy is raised along
-    the way it came, weighed once more, and lowered again where it was not.
+    the way it came (`carry`), weighed once more, and lowered again.
     """
     if not readings(cell.scenario.wrist, cell.workpiece.mass):
         return Weighed.CANNOT_TELL, MotionLog()
@@ -65,22 +49,13 @@ def count_by_weight(cell: Workcell, plan: PickPlan, rng: np.random.Generator) ->
     if not heavy:
         return Weighed.ONE, log
     limit = cell.scenario.limits.contact_force_N
-    up = _way_up(cell, plan)
+    up = cell.carrier.raised(cell, carry, RAISED)
     log += execute(cell.world, cell.arm, up, stop_above=limit)
     heavy, weighing = _heavy(cell, rng)
     log += weighing
     if not log.stopped:
         log += execute(cell.world, cell.arm, up[::-1], stop_above=limit)
     return Weighed.SEVERAL if heavy else Weighed.ONE, log
-
-
-def _way_up(cell: Workcell, plan: PickPlan) -> Array:
-    """Joints (n, 6) from the place to RAISED over it."""
-    q, dt = plan.carry.q, cell.world.dt
-    if "motion" in cell.oracle:
-        return free_raise(q[-1], RAISED, dt)
-    high = before_end(cell.robot, plan.carry, cell.gripper.T_flange_tool, RAISED)
-    return joint_move(cell.robot, q[-1], q[high], RAISING, dt).q
 
 
 def _heavy(cell: Workcell, rng: np.random.Generator) -> tuple[bool, MotionLog]:

@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pickproof.cell.frames import Array
+from pickproof.cell.physics.arm import Arm
 from pickproof.grasping.grasp_points import GraspPoses
+from pickproof.robots.failure import PlanFailure, Stage
+from pickproof.scenarios.picking.cell_model import CellModel
 from pickproof.scenarios.picking.placed_heightmap import Placed
-from pickproof.scenarios.picking.workcell import Workcell
+from pickproof.scenarios.picking.stages import Decision, ExecutedPick, RuledOut
 from pickproof.scenarios.placing.factory import Place
 
 AVOID_RADIUS = 0.02  # [m] around a failed estimate within which estimates are left alone
@@ -20,9 +23,11 @@ class EpisodeState:
     """What the cell remembers between attempts: failed spots, what was placed, and where the arm waits.
 
     Attributes:
+        place: which places are taken.
+        placed: surfaces of what was let go over the place bin.
         waits_at: (6,) joint vector over the place bin where the arm stands with open jaws; None at home.
         opened: of the jaws there, in [m].
-        placed: what was let go over the place bin.
+        failed: attempt and position (3,) [m] of each estimate on which a pick failed.
     """
 
     place: Place
@@ -33,7 +38,7 @@ class EpisodeState:
     _placeable: np.ndarray | None = None
 
     @staticmethod
-    def of(cell: Workcell) -> EpisodeState:
+    def of(cell: CellModel) -> EpisodeState:
         """Before the first pick."""
         return EpisodeState(cell.new_place(), Placed(cell.place, cell.workpiece))
 
@@ -55,7 +60,39 @@ class EpisodeState:
             out[k] = bool(failed) and attempt - failed[-1] <= span * 2 ** (len(failed) - 1)
         return out
 
+    def remember_no_pick(self, decision: Decision) -> None:
+        """After a no-pick: other places come first next time where the last ones could not be reached."""
+        if any(stopped_at_place(failure) for failure in decision.refused.values()):
+            self.place.pass_over()
 
-def waits_at(cell: Workcell, state: EpisodeState) -> Array:
-    """Joint vector (6,) at which the arm stands now."""
+    def remember_pick(self, attempt: int, executed: ExecutedPick, arm: Arm) -> None:
+        """After a pick: what a cell's own gripper and arm tell of it; the verdict is ground truth and not used."""
+        self._remember_arm(executed, arm)
+        evidence = executed.evidence
+        lost = bool(evidence.lifted) and not (evidence.carried or evidence.put_back or evidence.log.stopped)
+        if evidence.carried or lost:  # lost on the way it may lie there: nothing else goes to that place
+            self.placed.add(executed.T_world_release, self.place.fall)
+            self.place.fill(executed.pick.plan.place)
+        if not evidence.carried:
+            self.failed.append((attempt, executed.T_world_estimate[:3, 3]))
+
+    def _remember_arm(self, executed: ExecutedPick, arm: Arm) -> None:
+        """Where the arm waits, and how far its jaws are open."""
+        evidence = executed.evidence
+        if evidence.set_back:
+            self.waits_at = None
+        elif evidence.closed and not evidence.put_back and not evidence.log.stopped:
+            self.waits_at = executed.pick.plan.carry.q[-1]
+        elif self.waits_at is not None:
+            self.waits_at = arm.q  # over the last place, on the way that it came
+        self.opened = arm.opening
+
+
+def waits_at(cell: CellModel, state: EpisodeState) -> Array:
+    """Joint vector (6,) of the robot at which the arm stands now."""
     return cell.robot.home if state.waits_at is None else state.waits_at
+
+
+def stopped_at_place(refused: PlanFailure | RuledOut | None) -> bool:
+    """The grasp can be reached; what is refused is every way to the places that were tried."""
+    return isinstance(refused, PlanFailure) and refused.stage >= Stage.PLACE

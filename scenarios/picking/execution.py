@@ -1,115 +1,175 @@
-"""The motion of one pick in the physics: to the grasp, up, over, down, and what to do when something goes wrong."""
+"""The motion of one pick in the physics: to the grasp, up, over, down, and what to do when something goes wrong.
+
+The grip force is the gripper's (`cell/grippers/*.yaml`); closing and opening are in `cell/physics/grip.py`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pickproof.cell.frames import Array
+from pickproof.cell.frames import Array, invert
 from pickproof.cell.physics.grip import grip, held, release
 from pickproof.cell.physics.observation import Snapshot
 from pickproof.cell.physics.trajectory_execution import MotionLog, execute, wait
-from pickproof.grasping.candidates import GraspCandidate
-from pickproof.robots.plan.pick_plan import PickPlan
-from pickproof.scenarios.picking.double_pick import Weighed, count_by_weight
-from pickproof.scenarios.picking.outcome import Evidence
+from pickproof.scenarios.picking.double_pick import count_by_weight
 from pickproof.scenarios.picking.recovery import FALL_TIME, back_off, put_back, recover
-from pickproof.scenarios.picking.snapshots import snap
+from pickproof.scenarios.picking.snapshots import AttemptPictures
+from pickproof.scenarios.picking.stages import Considered, Evidence, ExecutedPick, PlannedPick, Weighed
 from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.placing.factory import Place
 
 RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
-REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm is home
+REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm has stopped
 
 
-def move(
-    cell: Workcell,
-    place: Place,
-    candidate: GraspCandidate,
-    plan: PickPlan,
-    before: Snapshot,
-    pose_ok: bool,
-    staged: bool,
-    pictures: dict[str, bytes],
-    rng: np.random.Generator,
-) -> tuple[Evidence, float]:
-    """Execute a plan in the physics; returns what was seen and the robot's time in [s].
-
-    With `staged`, pictures of the cell at each stage are added to `pictures`; `rng` is of the wrist's force sensor.
+def execute_pick(
+    cell: Workcell, place: Place, considered: Considered, pictures: AttemptPictures, rng: np.random.Generator
+) -> ExecutedPick:
+    """Execute the pick that was decided on.
 
     The arm ends where it let the workpiece go, its jaws open, out of the camera's view: the next motion starts there. A
     hard touch stops the arm, as a controller's collision guard does; it then draws back the way it came, and only where
     that fails as well is it set back to home by hand.
+
+    Args:
+        rng: noise of the wrist's force sensor.
+
+    Raises:
+        ValueError: the decision was not to move.
+        SimulationError: the physics broke down.
     """
-    world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
-    start, opening = world.time, arm.opening
-    commanded: dict[str, list[Array]] = {"in": [], "on": []}
+    pick = considered.decision.pick
+    if pick is None:
+        raise ValueError("a no-pick cannot be executed")
+    T_world_release = _release_pose(pick, place)
+    run = _PickRun(cell, place, pick, pictures)
+    run.approach()
+    if not run.log.stopped:
+        run.grasp()
+    if run.closed:
+        run.lift()
+    if run.closed and not run.log.stopped:
+        run.carry()
+    if run.closed and not run.log.stopped:
+        run.weigh(rng)
+    if run.weighed is not None and not run.log.stopped:
+        run.put_down()
+    run.stop_clock()
+    if run.log.stopped:
+        run.draw_back()
+    T_world_estimate = considered.estimates.Ts_world_part[pick.candidate.estimate]
+    return ExecutedPick(pick, T_world_estimate, T_world_release, run.evidence(considered.before))
 
-    def run(leg: str, rows: Array) -> MotionLog:
-        done = execute(world, arm, rows, stop_above=limit)
-        commanded[leg].append(rows[: done.rows])
-        return done
 
-    way_out, way_in = plan.approach.q[: plan.cleared], plan.approach.q[plan.cleared :]
-    log = run("in", way_out)  # the last workpiece lies between the fingers
-    if not log.stopped:
-        arm.hold_jaws(candidate.opening)
-        log += run("in", way_in)
-    closed: tuple[int, ...] = ()
-    lifted, carried, released = closed, closed, False
-    weighed: Weighed | None = None
-    if not log.stopped:
-        taken = grip(world, arm)
-        closed, log = taken.parts, log + taken.log
-        if staged:
-            snap(cell, pictures, "grasp")
-        if not closed:
-            log += back_off(cell, candidate, plan)
-    if closed:
-        log += run("on", plan.lift.q)
-        lifted = held(world, arm)
-        if staged:
-            snap(cell, pictures, "lift")
-    if closed and not log.stopped:
-        log += run("on", plan.carry.q)
-        carried = () if log.stopped else held(world, arm)
-        if staged:
-            snap(cell, pictures, "place")
-    if closed and not log.stopped:
-        weighed, weighing = count_by_weight(cell, plan, rng)
-        log += weighing
-        if log.stopped:
-            carried = ()
-        elif weighed is Weighed.SEVERAL:
-            carried = ()
-            log += put_back(cell, candidate, plan)
-        else:
-            opened = release(world, arm, release_opening(cell, place, candidate.opening, arm.tool_pose()))
-            log += opened.log
-            if opened.parts and place.room(arm.tool_pose(), cell.gripper.max_opening):  # it leans on both fingers
-                opened = release(world, arm, cell.gripper.max_opening)
-                log += opened.log
-            released = not opened.parts
-            if len(plan.leave.q) > 1:  # else it falls while the next image is taken
-                log += wait(world, arm, FALL_TIME) + run("on", plan.leave.q)
-    robot_s = world.time - start
-    set_back = False
-    if log.stopped:
-        legs = [np.concatenate([np.zeros((0, 6)), *rows]) for rows in commanded.values()]
-        if len(legs[0]) > plan.cleared:  # as `back_off`, only to where it had left the last place
-            legs[0], opening = legs[0][plan.cleared :], candidate.opening
-        back = recover(cell, candidate, legs[0], legs[1], opening)
-        robot_s, set_back = world.time - start, back.stopped
-        if set_back:
-            arm.reset(cell.home)
-    if not world.run_until_rest(REST_LIMIT):
-        # this attempt's verdict stands; the next sees them still
-        world.unanchor(np.flatnonzero(~world.at_rest()).tolist())
-    after = cell.observe()
-    double = weighed is Weighed.SEVERAL
-    seen = Evidence(
-        before, after, closed, lifted, carried, released, log, robot_s, pose_ok, double, set_back, weighed=weighed
-    )
-    return seen, robot_s
+class _PickRun:
+    """One pick while it is executed; its methods are the steps, its attributes what has been seen so far."""
+
+    def __init__(self, cell: Workcell, place: Place, pick: PlannedPick, pictures: AttemptPictures) -> None:
+        self._cell, self._place, self._pick, self._pictures = cell, place, pick, pictures
+        self._world, self._arm = cell.world, cell.arm
+        self._begun, self._opening_before = cell.world.time, cell.arm.opening
+        self._way_in: list[Array] = [np.zeros((0, 6))]  # rows commanded before the grasp, and after it
+        self._way_on: list[Array] = [np.zeros((0, 6))]
+        self._seconds = 0.0
+        self.log = MotionLog()
+        self.closed: tuple[int, ...] = ()
+        self.lifted: tuple[int, ...] = ()
+        self.carried: tuple[int, ...] = ()
+        self.weighed: Weighed | None = None
+        self.released = self.set_back = False
+
+    def approach(self) -> None:
+        """To the grasp; the jaws take their opening once they have left the last place, where a workpiece lies."""
+        plan = self._pick.plan
+        self._follow(self._way_in, plan.approach.q[: plan.cleared])
+        if not self.log.stopped:
+            self._arm.hold_jaws(self._pick.candidate.opening)
+            self._follow(self._way_in, plan.approach.q[plan.cleared :])
+
+    def grasp(self) -> None:
+        """Close; where nothing is held, back off."""
+        taken = grip(self._world, self._arm)
+        self.closed = taken.parts
+        self.log += taken.log
+        self._pictures.stage("grasp")
+        if not self.closed:
+            self.log += back_off(self._cell, self._pick)
+
+    def lift(self) -> None:
+        """Out of the bin."""
+        self._follow(self._way_on, self._pick.plan.lift.q)
+        self.lifted = held(self._world, self._arm)
+        self._pictures.stage("lift")
+
+    def carry(self) -> None:
+        """To the place."""
+        self._follow(self._way_on, self._pick.plan.carry.q)
+        self.carried = () if self.log.stopped else held(self._world, self._arm)
+        self._pictures.stage("place")
+
+    def weigh(self, rng: np.random.Generator) -> None:
+        """Feel at the wrist whether one workpiece came along."""
+        self.weighed, log = count_by_weight(self._cell, self._pick.plan.carry, rng)
+        self.log += log
+        if self.log.stopped:
+            self.carried = ()
+
+    def put_down(self) -> None:
+        """Let one workpiece go and leave the place; several are put back to where they were taken."""
+        if self.weighed is Weighed.SEVERAL:
+            self.carried = ()
+            self.log += put_back(self._cell, self._pick)
+            return
+        cell, place, world, arm = self._cell, self._place, self._world, self._arm
+        opened = release(world, arm, release_opening(cell, place, self._pick.candidate.opening, arm.tool_pose()))
+        self.log += opened.log
+        if opened.parts and place.room(arm.tool_pose(), cell.gripper.max_opening):  # it leans on both fingers
+            opened = release(world, arm, cell.gripper.max_opening)
+            self.log += opened.log
+        self.released = not opened.parts
+        if len(self._pick.plan.leave.q) > 1:  # else it falls while the next image is taken
+            self.log += wait(world, arm, FALL_TIME)
+            self._follow(self._way_on, self._pick.plan.leave.q)
+
+    def stop_clock(self) -> None:
+        """Robot time counts to here."""
+        self._seconds = self._world.time - self._begun
+
+    def draw_back(self) -> None:
+        """After a collision back the way it came; set back by hand where that fails."""
+        plan, way_in, opening = self._pick.plan, np.concatenate(self._way_in), self._opening_before
+        if len(way_in) > plan.cleared:  # as `back_off`, only to where it had left the last place
+            way_in, opening = way_in[plan.cleared :], self._pick.candidate.opening
+        back = recover(self._cell, self._pick.candidate, way_in, np.concatenate(self._way_on), opening)
+        self.stop_clock()
+        self.set_back = back.stopped
+        if self.set_back:
+            self._arm.reset(self._cell.home)
+
+    def evidence(self, before: Snapshot) -> Evidence:
+        """What was seen, once the workpieces have had time to rest."""
+        if not self._world.run_until_rest(REST_LIMIT):
+            # this attempt's verdict stands; the next sees them still
+            self._world.unanchor(np.flatnonzero(~self._world.at_rest()).tolist())
+        return Evidence(
+            before=before,
+            after=self._cell.observe(),
+            closed=self.closed,
+            lifted=self.lifted,
+            carried=self.carried,
+            released=self.released,
+            log=self.log,
+            seconds=self._seconds,
+            put_back=self.weighed is Weighed.SEVERAL,
+            set_back=self.set_back,
+            weighed=self.weighed,
+        )
+
+    def _follow(self, way: list[Array], rows: Array) -> None:
+        """Command joint vectors (n, 6) and keep those that were reached in `way`."""
+        done = execute(self._world, self._arm, rows, stop_above=self._cell.scenario.limits.contact_force_N)
+        way.append(rows[: done.rows])
+        self.log += done
 
 
 def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: Array) -> float:
@@ -121,3 +181,9 @@ def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: 
         if place.room(T_world_tool, opening):
             return opening
     return planned
+
+
+def _release_pose(pick: PlannedPick, place: Place) -> Array:
+    """T_world_part (4, 4) of the workpiece where a plan lets it go, with the place as it was when it was planned."""
+    T_part_tool = pick.candidate.T_part_tool
+    return place.tool_poses(T_part_tool, pick.candidate.opening)[pick.plan.place] @ invert(T_part_tool)

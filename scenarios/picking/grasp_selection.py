@@ -1,22 +1,17 @@
-"""From estimated poses to ranked candidates: grasp points on every estimate, with room and with a way for the arm."""
+"""From estimated poses to ranked candidates: grasp points on every estimate that leave the gripper room.
+
+The terms of the rank and their weights are in `grasping/ranking.py`; this adds the term of motion time.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-
-from pickproof.cell.frames import Array, apply
 from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.grasping.candidates import Selection, select
 from pickproof.grasping.grasp_points import GraspPoses
-from pickproof.scenarios.picking.episode_state import EpisodeState, waits_at
-from pickproof.scenarios.picking.heap_heightmap import scene_points, true_points
+from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.motion_time import with_motion
 from pickproof.scenarios.picking.stages import Estimates
 from pickproof.scenarios.picking.workcell import Workcell
-
-KNOWN_SCORE = 0.7
-"""Estimates from this score on count as bodies for the gripper, by points of their surface."""
-KNOWN_SPACING, KNOWN_SAMPLES = 0.006, (800, 12_000)  # [m] between such points, and how many there are of one body
 
 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, state: EpisodeState, attempt: int) -> Selection:
@@ -34,32 +29,18 @@ def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, state: Episo
 def _choose(
     cell: Workcell, frame: DepthFrame, estimates: Estimates, state: EpisodeState, attempt: int, grasps: GraspPoses
 ) -> Selection:
-    span = cell.scenario.stop.attempts_to_avoid
+    weights = cell.scenario.grasping
     selection = select(
         estimates.Ts_world_part,
         estimates.scores,
-        state.avoided(estimates.Ts_world_part, attempt, span),
+        state.avoided(estimates.Ts_world_part, attempt, cell.scenario.stop.attempts_to_avoid),
         grasps,
         cell.workpiece,
         cell.gripper,
         cell.source,
-        true_points(cell) if "grasp" in cell.oracle else heap_points(cell, frame, estimates),
-        cell.scenario.grasping,
+        cell.heap.points(cell, frame, estimates),
+        weights,
         estimates.residuals,
     )
-    start = (
-        cell.robot.home if "motion" in cell.oracle else waits_at(cell, state)
-    )  # joints of the arm, not a floating gripper's
-    return with_motion(selection, cell.robot, start, cell.gripper.T_flange_tool, cell.scenario.grasping)
-
-
-def heap_points(cell: Workcell, frame: DepthFrame, estimates: Estimates) -> Array:
-    """Points (n, 3) in the world that the gripper keeps off: measured ones, and on the hidden sides of workpieces.
-
-    A workpiece whose pose is believed is known all round; a finger that leans would else land on what it hides.
-    """
-    known = estimates.Ts_world_part[estimates.scores >= KNOWN_SCORE]
-    samples = int(np.clip(cell.workpiece.mesh.area / KNOWN_SPACING**2, *KNOWN_SAMPLES))
-    surface = cell.workpiece.sample_surface(samples, seed=8)[0]
-    hidden = apply(known, surface).reshape(-1, 3)
-    return np.concatenate([scene_points(cell, frame), hidden])
+    start = cell.carrier.ranking_start(cell, state)
+    return with_motion(selection, cell.robot, start, cell.gripper.T_flange_tool, weights)

@@ -8,12 +8,13 @@ import numba
 import numpy as np
 
 from pickproof.cell.frames import Array, apply, invert
+from pickproof.cell.physics.observation import Snapshot
 from pickproof.cell.point import moved
 from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.clearance import without_workpiece
 from pickproof.robots.collision.scene import HeightField
-from pickproof.scenarios.picking.workcell import SOURCE, Workcell
+from pickproof.scenarios.picking.cell_model import SOURCE, CellModel
 
 BIN_MARGIN = 0.002  # [m] from floor and walls within which a measured point is the bin's
 GRID = 0.004  # [m] of the height field
@@ -23,7 +24,7 @@ UNDERSIDE_SAMPLES = 3000  # of a workpiece's surface
 SUPPORT = 2  # of eight neighbours that a measurement needs: at edges single pixels fly between near and far
 
 
-def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
+def scene_points(cell: CellModel, frame: DepthFrame) -> Array:
     """Measured points (n, 3) in the world over the source bin that are neither the bin nor flying pixels."""
     k, (lx, ly, _) = frame.intrinsics, cell.source.inner
     pinhole = np.array([k.fx, k.fy, k.cx, k.cy])
@@ -32,9 +33,8 @@ def scene_points(cell: Workcell, frame: DepthFrame) -> Array:
     return np.asarray(_points_inside(frame.depth, pinhole, frame.T_world_camera, T_bin_world, room))
 
 
-def true_points(cell: Workcell) -> Array:
+def true_points(cell: CellModel, truth: Snapshot) -> Array:
     """Points (n, 3) in the world on all sides of the workpieces in the source bin, from ground truth."""
-    truth = cell.observe()
     surface = cell.workpiece.sample_surface(TRUE_SAMPLES, seed=4)[0]
     return apply(truth.Ts_world_part[list(truth.parts_in(SOURCE))], surface).reshape(-1, 3)
 
@@ -82,7 +82,7 @@ class Scan:
     field: HeightField
 
     @staticmethod
-    def of(cell: Workcell, frame: DepthFrame) -> Scan:
+    def of(cell: CellModel, frame: DepthFrame) -> Scan:
         """Of the source bin in a frame."""
         points, T_world_bin = scene_points(cell, frame), cell.source.T_world_bin
         lx, ly, _ = cell.source.inner

@@ -1,54 +1,74 @@
-"""What came of an attempt, judged from physics and ground truth after the fact."""
+"""The definition of success and of every failure: an attempt judged from physics and ground truth after the fact.
+
+`judge` is the definition; docs/scenarios.md says it in words.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from pickproof.cell.frames import Array
 from pickproof.cell.physics.observation import Snapshot
-from pickproof.cell.physics.trajectory_execution import MotionLog
 from pickproof.cell.symmetry.pose_error import point_distances, rotation_error
 from pickproof.cell.workpiece.workpiece import Workpiece
-from pickproof.scenarios.picking.workcell import PLACE, SOURCE
+from pickproof.scenarios.picking.cell_model import PLACE, SOURCE, CellModel
+from pickproof.scenarios.picking.stages import Evidence, ExecutedPick
+from pickproof.scenarios.placing.factory import Place
+from pickproof.scenarios.placing.heap_placing import place_error
 from pickproof.scenarios.results.records import Reason
-
-if TYPE_CHECKING:
-    from pickproof.scenarios.picking.double_pick import Weighed
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """What was seen of one attempt.
+class PoseError:
+    """Distance of a pose from the wanted one: `metres`, and `radians` with the symmetry of the workpiece considered."""
+
+    metres: float
+    radians: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an attempt.
 
     Attributes:
-        before, after: the workpieces before the arm moved, and after it was home and they had time to rest.
-        closed, lifted, carried: workpieces that the gripper held after closing, after the lift, and when the place
-            pose was reached.
-        in_tolerance: what was carried rests where it was to be let go, as closely as the scenario asks.
-        put_back: what came up weighed as much as several, and was let go where it had been.
-        set_back: the arm was stopped, could not draw back by itself, and was set back to home by hand.
-        weighed: how many workpieces the wrist says came along; None where nothing was carried to the place.
-        released: nothing was held after opening.
-        log: of all motions. seconds: simulated time of the attempt.
-        pose_ok: the chosen estimate is within tolerance of a workpiece.
+        reason: why it failed or the arm did not move; empty for a success.
+        after: the workpieces at its end.
+        evidence: of the executed pick, None for a no-pick.
+        pose_error: of the chosen estimate against the nearest workpiece, None for a no-pick.
+        place_error: of what was carried to the place bin against where it was to be let go, horizontally and in
+            rotation; None of others.
     """
 
-    before: Snapshot
+    reason: Reason | Literal[""]
     after: Snapshot
-    closed: tuple[int, ...]
-    lifted: tuple[int, ...]
-    carried: tuple[int, ...]
-    released: bool
-    log: MotionLog
-    seconds: float
-    pose_ok: bool
-    put_back: bool = False
-    set_back: bool = False
-    in_tolerance: bool = True
-    weighed: Weighed | None = None
+    evidence: Evidence | None = None
+    pose_error: PoseError | None = None
+    place_error: PoseError | None = None
+
+    @property
+    def success(self) -> bool:
+        return self.reason == ""
+
+
+def judge_pick(cell: CellModel, place: Place, executed: ExecutedPick) -> Outcome:
+    """Hold an executed pick against ground truth; `place` says how closely it must rest to where it was let go."""
+    e, placed = executed.evidence, None
+    _, *error = nearest_true(executed.T_world_estimate, e.before.Ts_world_part, cell.workpiece)
+    pose_error = PoseError(*error)
+    if set(e.carried) & set(e.after.parts_in(PLACE)):
+        rests = e.after.Ts_world_part[e.carried[0]]
+        placed = PoseError(*place_error(rests, executed.T_world_release, cell.workpiece))
+    evidence = replace(
+        e,
+        pose_ok=pose_error.metres < cell.workpiece.tolerance,
+        in_tolerance=placed is None or place.accepts(placed.metres, placed.radians),
+    )
+    limits = cell.scenario.limits
+    reason = judge(evidence, limits.contact_force_N, limits.attempt_timeout_s)
+    return Outcome(reason, e.after, evidence, pose_error, placed)
 
 
 def judge(evidence: Evidence, force_limit: float, time_limit: float) -> Reason | Literal[""]:

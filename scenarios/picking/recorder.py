@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from pickproof.cell.sensing.camera import DepthFrame
-from pickproof.grasping.candidates import Selection
-from pickproof.grasping.verdict import CHOSEN, Verdict
-from pickproof.scenarios.picking.decision_tree import planning_verdict
-from pickproof.scenarios.picking.stages import Decision, Estimates
+from pickproof.scenarios.picking.decision_tree import candidate_verdicts, rounded_terms
+from pickproof.scenarios.picking.stages import Considered
 from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import AttemptRecord
 from pickproof.scenarios.results.replay_file import Artefact, Motion, matrices_to_poses, path_of, write_artefact
@@ -21,8 +18,38 @@ EVERY = 10
 PERIOD = 0.02  # [s] between two frames
 
 
+class AttemptRecorder(Protocol):
+    """What watches an attempt: `start` before it, `stop` after it."""
+
+    def start(self) -> None:
+        """Begin an attempt."""
+        ...
+
+    def stop(self, record: AttemptRecord, considered: Considered) -> None:
+        """End an attempt."""
+        ...
+
+
+class NoRecorder:
+    """Keeps nothing."""
+
+    def start(self) -> None:
+        return None
+
+    def stop(self, record: AttemptRecord, considered: Considered) -> None:
+        return None
+
+
+NO_RECORDER = NoRecorder()
+
+
+def recorder_of(cell: Workcell, keep: Keep | None) -> AttemptRecorder:
+    """The recorder of an episode."""
+    return NO_RECORDER if keep is None or keep.which == "none" else Recorder(cell, keep)
+
+
 class Recorder:
-    """Watches one cell from fill to end; `start` before an attempt, `stop` after it."""
+    """Watches one cell from fill to end, and writes the attempts that are worth keeping."""
 
     def __init__(self, cell: Workcell, keep: Keep) -> None:
         self._cell, self._keep = cell, keep
@@ -37,9 +64,7 @@ class Recorder:
         self._steps, self._next = -1, 0.0
         self._watch()
 
-    def stop(
-        self, record: AttemptRecord, frame: DepthFrame, estimates: Estimates, selection: Selection, decision: Decision
-    ) -> None:
+    def stop(self, record: AttemptRecord, considered: Considered) -> None:
         """End an attempt, and write it if it is one to keep.
 
         Raises:
@@ -49,27 +74,30 @@ class Recorder:
         nth, self._successes = self._successes, self._successes + record.success
         if self._keep.which == "failures" and record.success and nth % EVERY:
             return
-        cell = self._cell
+        path = path_of(self._keep.directory, record.seed, record.attempt)
+        write_artefact(path, self._artefact(record, considered))
+
+    def _artefact(self, record: AttemptRecord, considered: Considered) -> Artefact:
+        cell, frame, estimates = self._cell, considered.frame, considered.estimates
         time, q, opening, poses = zip(*self._frames, strict=True)
-        k, poses_of = len(estimates.scores), cell.grasps
-        artefact = Artefact(
+        k, grasps, verdicts = len(estimates.scores), cell.grasps, considered.selection.verdicts
+        return Artefact(
             seed=record.seed,
             attempt=record.attempt,
-            carrier="gantry" if "motion" in cell.oracle else "arm",
+            carrier=cell.carrier.name,
             depth=frame.depth,
             intrinsics=frame.intrinsics,
             T_world_camera=frame.T_world_camera,
             Ts_world_estimate=estimates.Ts_world_part,
             scores=estimates.scores,
             residuals=estimates.residuals,
-            Ts_part_tool=poses_of.Ts_part_tool,
-            grasps=np.array([poses_of.points[i].name for i in poses_of.index], dtype=str),
-            openings=poses_of.openings,
-            verdicts=np.array([selection.verdicts[i] for i in range(k)], dtype=str).reshape(k, len(poses_of.index)),
-            candidates=candidates_of(selection, decision, {box.name for box in cell.gripper.boxes(0.0)}),
+            Ts_part_tool=grasps.Ts_part_tool,
+            grasps=np.array([grasps.points[i].name for i in grasps.index], dtype=str),
+            openings=grasps.openings,
+            verdicts=np.array([verdicts[i] for i in range(k)], dtype=str).reshape(k, len(grasps.index)),
+            candidates=candidates_json(cell, considered),
             motion=Motion(np.array(time), np.stack(q), np.array(opening), np.stack(poses)),
         )
-        write_artefact(path_of(self._keep.directory, record.seed, record.attempt), artefact)
 
     def _watch(self) -> None:
         world, arm = self._cell.world, self._cell.arm
@@ -81,22 +109,20 @@ class Recorder:
         self._frames.append((time, arm.q, arm.opening, matrices_to_poses(world.part_poses())))
 
 
-def candidates_of(selection: Selection, decision: Decision, tool: set[str]) -> list[dict[str, Any]]:
-    """The ranked candidates with their poses and what planning made of each, best first."""
-    rows = []
-    for i, c in enumerate(selection.candidates):
-        refused = decision.refused.get(i)
-        verdict = str(Verdict.OUTRANKED if refused is None else planning_verdict(refused, tool))
-        rows.append(
-            {
-                "estimate": c.estimate,
-                "grasp": c.point.name,
-                "T_world_tool": c.T_world_tool,
-                "opening": c.opening,
-                "rank": round(c.rank, 4),
-                "terms": {name: round(value, 3) for name, value in c.terms.items()},
-                "verdict": CHOSEN if c is decision.candidate else verdict,
-                "detail": "" if refused is None else str(refused),
-            }
-        )
-    return rows
+def candidates_json(cell: Workcell, considered: Considered) -> list[dict[str, Any]]:
+    """The ranked candidates, best first, as a replay file holds them: poses, rank, and what planning made of each."""
+    selection, refused = considered.selection, considered.decision.refused
+    verdicts = candidate_verdicts(selection, considered.decision, cell.gripper_boxes)
+    return [
+        {
+            "estimate": c.estimate,
+            "grasp": c.point.name,
+            "T_world_tool": c.T_world_tool,
+            "opening": c.opening,
+            "rank": round(c.rank, 4),
+            "terms": rounded_terms(c),
+            "verdict": verdicts[i],
+            "detail": str(refused[i]) if i in refused else "",
+        }
+        for i, c in enumerate(selection.candidates)
+    ]

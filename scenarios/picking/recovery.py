@@ -2,41 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from pickproof.cell.frames import Array
 from pickproof.cell.physics.grip import release
 from pickproof.cell.physics.trajectory_execution import MotionLog, execute, wait
 from pickproof.grasping.candidates import GraspCandidate
-from pickproof.robots.plan.pick_plan import PickPlan
-
-if TYPE_CHECKING:
-    from pickproof.scenarios.picking.workcell import Workcell
+from pickproof.scenarios.picking.stages import PlannedPick
+from pickproof.scenarios.picking.workcell import Workcell
 
 FALL_TIME = 0.1  # [s] for what was held to leave the gripper
 RETREAT_SPEED = 0.2  # of the speed at which the arm came
 COMING_LOOSE = 0.15  # [s] of the way in within which the arm may still press on what it hit
 
 
-def back_off(cell: Workcell, candidate: GraspCandidate, plan: PickPlan) -> MotionLog:
+def back_off(cell: Workcell, pick: PlannedPick) -> MotionLog:
     """From the grasp back to where the hand had left the last place, the gripper released.
 
     Not down to where it waited: what it let go there has moved since, and may lie under the fingers.
     """
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
-    log = release(world, arm, candidate.opening).log + wait(world, arm, FALL_TIME)
-    return log + execute(world, arm, plan.approach.q[plan.cleared :][::-1], stop_above=limit)
+    log = release(world, arm, pick.candidate.opening).log + wait(world, arm, FALL_TIME)
+    return log + execute(world, arm, pick.plan.approach.q[pick.plan.cleared :][::-1], stop_above=limit)
 
 
-def put_back(cell: Workcell, candidate: GraspCandidate, plan: PickPlan) -> MotionLog:
+def put_back(cell: Workcell, pick: PlannedPick) -> MotionLog:
     """From the place with what is held to where it was taken, let it go, and `back_off`."""
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
-    log = execute(world, arm, plan.carry.q[::-1], stop_above=limit)
+    log = execute(world, arm, pick.plan.carry.q[::-1], stop_above=limit)
     if not log.stopped:
-        log += execute(world, arm, plan.lift.q[::-1], stop_above=limit)
-    return log if log.stopped else log + back_off(cell, candidate, plan)
+        log += execute(world, arm, pick.plan.lift.q[::-1], stop_above=limit)
+    return log if log.stopped else log + back_off(cell, pick)
 
 
 def recover(cell: Workcell, candidate: GraspCandidate, way_in: Array, way_on: Array, opening: float) -> MotionLog:

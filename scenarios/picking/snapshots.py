@@ -9,21 +9,49 @@ from pickproof.cell.frames import Array, apply, invert
 from pickproof.cell.physics.picture import cell_picture
 from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.grasping.candidates import GraspCandidate
-from pickproof.scenarios.picking.stages import Estimates
+from pickproof.scenarios.picking.stages import Considered, Estimates
 from pickproof.scenarios.picking.workcell import Workcell
 
 CHOSEN, OTHERS, TOOL = (60, 220, 60), (255, 170, 40), (60, 60, 255)  # BGR
 
 
-def snap(cell: Workcell, pictures: dict[str, bytes], name: str) -> None:
-    """Add a picture of the cell as it stands: both bins, and for `grasp` a close-up of the source bin."""
+class AttemptPictures:
+    """Pictures of one attempt; nothing is taken where the cell keeps none.
+
+    Args:
+        every_stage: also of each stage of the motion; else of a failure alone, after it.
+
+    Attributes:
+        taken: name -> PNG.
+    """
+
+    def __init__(self, cell: Workcell, every_stage: bool) -> None:
+        self._cell, self._every_stage = cell, cell.pictures and every_stage
+        self.taken: dict[str, bytes] = {}
+
+    def stage(self, name: str) -> None:
+        """The cell at a stage of the motion: `grasp`, `lift` or `place`."""
+        if self._every_stage:
+            self.taken[name] = cell_snapshot(self._cell, close_up=name == "grasp")
+
+    def finish(self, considered: Considered, success: bool) -> None:
+        """At the end of the attempt: the depth image with poses, and the cell after a failure."""
+        if self._every_stage or (self._cell.pictures and not success):
+            estimates, chosen = considered.estimates, considered.decision.candidate
+            self.taken["depth"] = depth_picture(self._cell, considered.frame, estimates, chosen)
+            if not success:
+                self.taken["after"] = cell_snapshot(self._cell)
+
+
+def cell_snapshot(cell: Workcell, close_up: bool = False) -> bytes:
+    """The cell as it stands as PNG: both bins, or the source bin close up."""
     x, y, z = cell.source.position
-    if name == "grasp":
+    if close_up:
         eye, target = (x + 0.22, y - 0.34, z + 0.26), (x, y, z + 0.04)
     else:
         x, y, z = (np.array(cell.source.position) + cell.place.position) / 2
         eye, target = (x + 0.6, y - 0.75, z + 0.65), (x - 0.04, y + 0.02, z + 0.1)
-    pictures[name] = png(cell_picture(cell.world, eye, target, 560, 420)[:, :, ::-1])
+    return png(cell_picture(cell.world, eye, target, 560, 420)[:, :, ::-1])
 
 
 def png(image_bgr: np.ndarray) -> bytes:

@@ -1,12 +1,17 @@
-"""What the stages of a pick hand on: estimates, and the decision with what was ruled out."""
+"""What the stages of a pick hand on to each other; all of it is frozen."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Literal
 
 from pickproof.cell.frames import Array
-from pickproof.grasping.candidates import GraspCandidate
+from pickproof.cell.physics.observation import Snapshot
+from pickproof.cell.physics.trajectory_execution import MotionLog
+from pickproof.cell.sensing.camera import DepthFrame
+from pickproof.grasping.candidates import GraspCandidate, Selection
 from pickproof.grasping.verdict import Verdict
 from pickproof.robots.failure import PlanFailure
 from pickproof.robots.plan.pick_plan import PickPlan
@@ -40,14 +45,113 @@ class RuledOut:
 
 
 @dataclass(frozen=True)
+class PlannedPick:
+    """A grasp with its whole motion, ready to be executed."""
+
+    candidate: GraspCandidate
+    plan: PickPlan
+
+
+@dataclass(frozen=True)
 class Decision:
-    """What to do: a candidate with its plan, or the reason why the arm does not move.
+    """What to do: a planned pick, or the reason why the arm does not move.
 
     Attributes:
+        pick: None for a no-pick.
+        reason: of a no-pick, else empty.
         refused: index of a candidate in the selection -> why it was ruled out when its turn came.
     """
 
-    candidate: GraspCandidate | None
-    plan: PickPlan | None
+    pick: PlannedPick | None
     reason: Reason | Literal[""]
-    refused: dict[int, PlanFailure | RuledOut]
+    refused: Mapping[int, PlanFailure | RuledOut]
+
+    @property
+    def candidate(self) -> GraspCandidate | None:
+        """The chosen grasp, None for a no-pick."""
+        return None if self.pick is None else self.pick.candidate
+
+    @property
+    def plan(self) -> PickPlan | None:
+        """Its motion, None for a no-pick."""
+        return None if self.pick is None else self.pick.plan
+
+
+@dataclass(frozen=True)
+class ComputeTimes:
+    """Measured compute time in [s] of the stages before the motion."""
+
+    perceive_s: float
+    choose_s: float
+    plan_s: float
+
+
+@dataclass(frozen=True)
+class Considered:
+    """All that was known and considered before the arm moves.
+
+    Attributes:
+        before: ground truth when the image was taken, for scoring.
+    """
+
+    before: Snapshot
+    frame: DepthFrame
+    estimates: Estimates
+    selection: Selection
+    decision: Decision
+    times: ComputeTimes
+
+
+class Weighed(StrEnum):
+    """How many workpieces the wrist's force sensor says came along."""
+
+    ONE = "one"
+    SEVERAL = "several"
+    CANNOT_TELL = "cannot tell"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the physics showed of one executed pick.
+
+    Attributes:
+        before, after: the workpieces before the arm moved, and after it stopped and they had time to rest.
+        closed, lifted, carried: workpieces that the gripper held after closing, after the lift, and when the place
+            pose was reached.
+        released: nothing was held after opening.
+        log: of all motions. seconds: simulated time of the attempt.
+        pose_ok: the chosen estimate is within tolerance of a workpiece.
+        put_back: what came up weighed as much as several, and was let go where it had been.
+        set_back: the arm was stopped, could not draw back by itself, and was set back to home by hand.
+        in_tolerance: what was carried rests where it was to be let go, as closely as the scenario asks.
+        weighed: how many workpieces the wrist says came along; None where nothing was carried to the place.
+    """
+
+    before: Snapshot
+    after: Snapshot
+    closed: tuple[int, ...]
+    lifted: tuple[int, ...]
+    carried: tuple[int, ...]
+    released: bool
+    log: MotionLog
+    seconds: float
+    pose_ok: bool = True
+    put_back: bool = False
+    set_back: bool = False
+    in_tolerance: bool = True
+    weighed: Weighed | None = None
+
+
+@dataclass(frozen=True)
+class ExecutedPick:
+    """A pick that was executed, with what it was meant to do and what was seen.
+
+    Attributes:
+        T_world_estimate: (4, 4) estimated pose of the workpiece that was wanted.
+        T_world_release: (4, 4) pose of it where it was to be let go.
+    """
+
+    pick: PlannedPick
+    T_world_estimate: Array
+    T_world_release: Array
+    evidence: Evidence

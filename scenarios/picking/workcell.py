@@ -1,4 +1,7 @@
-"""The cell of a scenario, built anew for every episode: everything a pick needs, in one place."""
+"""The cell of a scenario, built anew for every episode: everything a pick needs, in one place.
+
+Here, and nowhere else, it is settled which parts of the cell an oracle replaces.
+"""
 
 from __future__ import annotations
 
@@ -8,64 +11,56 @@ from pathlib import Path
 import numpy as np
 
 from pickproof.cell.errors import InputError, SimulationError
-from pickproof.cell.frames import Array
-from pickproof.cell.geometry.bin import Bin, Box
 from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.physics.arm import Arm
 from pickproof.cell.physics.bin_filling import fill_bin
-from pickproof.cell.physics.floating_gripper import floating_arm, floating_home
 from pickproof.cell.physics.observation import Snapshot, observe
 from pickproof.cell.physics.world import World
 from pickproof.cell.sensing.camera import DepthFrame, render
 from pickproof.cell.sensing.sensor_model import measure
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
-from pickproof.grasping.grasp_points import GraspPoses, load_grasps
+from pickproof.grasping.grasp_points import load_grasps
 from pickproof.robots.kinematics.model import RobotModel, load_robot
 from pickproof.robots.motion.dynamics import Load, overload
 from pickproof.scenarios.config.scenario import Scenario
+from pickproof.scenarios.picking.carriers import ArmCarrier, Carrier, FloatingCarrier
+from pickproof.scenarios.picking.cell_model import PLACE, SOURCE, CellModel
 from pickproof.scenarios.picking.grasp_oracle import GraspOracle
-from pickproof.scenarios.placing.factory import Place, check_room, place_of
+from pickproof.scenarios.picking.heap_knowledge import HeapKnowledge, MeasuredHeap, TrueHeap
+from pickproof.scenarios.placing.factory import check_room
 
-SOURCE, PLACE = "source", "place"
 FILLS = 5
 """Fills of a seed that are tried."""
 
 
-@dataclass
-class Workcell:
-    """A filled bin under a camera and an arm.
+@dataclass(frozen=True)
+class Workcell(CellModel):
+    """A filled bin under a camera and an arm: the known parts of the cell, and the physics.
 
     Attributes:
-        obstacles: static boxes of the cell: table and both bins.
+        carrier: what carries the gripper: the arm, or the floating gripper of the motion oracle.
+        heap: what grasps are checked against: the measured heap, or the true one of the grasp oracle.
+        arm: the carrier's body in the physics, with the gripper.
         dropped: workpieces that were dropped and lie in the source bin.
         pictures: whether attempts keep pictures.
-        oracle: stages that ground truth replaces; with `motion` the arm is a floating gripper.
-        home: (6,) joints of the arm, or of the floating gripper, before the first pick.
-        grasp_oracle: where the grasp oracle tries grasps, else None.
     """
 
-    scenario: Scenario
-    workpiece: Workpiece
-    robot: RobotModel
-    gripper: Gripper
-    grasps: GraspPoses
+    carrier: Carrier
+    heap: HeapKnowledge
     world: World
     arm: Arm
-    home: Array
-    source: Bin
-    place: Bin
-    obstacles: list[Box]
     dropped: int
     pictures: bool
-    oracle: frozenset[str] = frozenset()
-    grasp_oracle: GraspOracle | None = None
 
     @staticmethod
     def build(scenario: Scenario, seed: int, pictures: bool = False, oracle: frozenset[str] = frozenset()) -> Workcell:
         """Build the cell and fill the source bin in the order that `seed` gives.
 
         Now and then a workpiece keeps rocking; such a fill is thrown away and the next one of the seed is taken.
+
+        Args:
+            oracle: stages that ground truth replaces; `motion` and `grasp` are of the cell, `perception` is not.
 
         Raises:
             InputError: the scenario names something that does not exist or does not fit.
@@ -83,48 +78,46 @@ class Workcell:
         workpiece, robot = load_workpiece(scenario.workpiece), load_robot(scenario.robot)
         gripper = load_gripper(scenario.gripper)
         grasps = load_grasps(workpiece, gripper, table_of(scenario))
+        source, place = scenario.source_bin.build(SOURCE), scenario.place_bin.build(PLACE)
+        obstacles = (scenario.table.build(), *source.boxes(), *place.boxes())
+        carrier: Carrier = FloatingCarrier() if "motion" in oracle else ArmCarrier(robot)
+        home = carrier.home(place, gripper)
         world = World(scenario.physics.timestep, scenario.physics.solver_iterations)
         try:
-            source, place = scenario.source_bin.build(SOURCE), scenario.place_bin.build(PLACE)
-            obstacles = [scenario.table.build(), *source.boxes(), *place.boxes()]
             for box in obstacles:
                 world.add_box(box)
-            if "motion" in oracle:
-                arm, home = floating_arm(world, gripper), floating_home(place, gripper)
-            else:
-                arm, home = Arm(world, robot.urdf, robot.joints, gripper), robot.home
+            arm = carrier.build(world, gripper)
             arm.reset(home)
-            heap = fill_bin(world, workpiece, source, scenario.count, rng)
+            filled = fill_bin(world, workpiece, source, scenario.count, rng)
         except BaseException:
             world.close()
             raise
+        heap: HeapKnowledge = MeasuredHeap()
+        if "grasp" in oracle:
+            trials = GraspOracle(scenario, workpiece, gripper, source, obstacles)
+            heap = TrueHeap(trials, lambda: observe(world, [source, place]))
         return Workcell(
             scenario=scenario,
             workpiece=workpiece,
             robot=robot,
             gripper=gripper,
             grasps=grasps,
-            world=world,
-            arm=arm,
             home=home,
             source=source,
             place=place,
             obstacles=obstacles,
-            dropped=int(heap.inside.sum()),
+            carrier=carrier,
+            heap=heap,
+            world=world,
+            arm=arm,
+            dropped=int(filled.inside.sum()),
             pictures=pictures,
-            oracle=oracle,
-            grasp_oracle=GraspOracle(scenario, workpiece, gripper, source, obstacles) if "grasp" in oracle else None,
         )
 
     def close(self) -> None:
         """Free the physics; the cell cannot be used after."""
         self.world.close()
-        if self.grasp_oracle is not None:
-            self.grasp_oracle.close()
-
-    def new_place(self) -> Place:
-        """The places of the scenario, nothing placed yet."""
-        return place_of(self.scenario, self.place, self.workpiece, self.gripper)
+        self.heap.close()
 
     def observe(self) -> Snapshot:
         """Ground truth, for scoring and the oracle."""

@@ -20,7 +20,6 @@ from pickproof.robots.kinematics.model import RobotModel, forward, load_robot
 from pickproof.scenarios.config.scenario import Scenario
 from pickproof.scenarios.picking.outcome import nearest_true
 from pickproof.scenarios.picking.workcell import PLACE, SOURCE
-from pickproof.scenarios.reporting.explain import nth_attempt
 from pickproof.scenarios.results.records import AttemptRecord
 from pickproof.scenarios.results.replay_file import Artefact, path_of, read_artefact
 from pickproof.scenarios.results.store import Store
@@ -46,7 +45,7 @@ class Replayed:
             InputError: there is no such attempt, or it was not kept.
         """
         with Store.read(directory) as store:
-            record = nth_attempt(store.attempts(), attempt)
+            record = store.nth_attempt(attempt)
             scenario = Scenario.model_validate_json(store.meta()["scenario"])
         artefact = read_artefact(path_of(directory, record.seed, record.attempt))
         workpiece, gripper = load_workpiece(scenario.workpiece), load_gripper(scenario.gripper)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -11,29 +10,12 @@ from rich.markup import escape
 from rich.table import Table
 from rich.tree import Tree
 
-from pickproof.cell.errors import InputError
 from pickproof.grasping.verdict import CHOSEN, MEANING, Verdict
 from pickproof.scenarios.reporting.verdict_counts import verdict_counts
 from pickproof.scenarios.results.records import MEANING as REASONS
 from pickproof.scenarios.results.records import AttemptRecord
 
 ESTIMATES_SHOWN = 12
-
-
-def nth_attempt(attempts: Sequence[AttemptRecord], n: str | int) -> AttemptRecord:
-    """The attempt of index `n` in the order of seed and attempt, in which the report lists them.
-
-    Raises:
-        InputError: there is none.
-    """
-    valid = f"an integer from 0 to {len(attempts) - 1}" if attempts else "nothing, there is no attempt"
-    try:
-        index = int(n)
-    except ValueError:
-        index = -1
-    if not 0 <= index < len(attempts):
-        raise InputError("command line", "--attempt", n, valid)
-    return attempts[index]
 
 
 def explain(attempt: AttemptRecord, index: int, console: Console, shown: int | None = ESTIMATES_SHOWN) -> None:

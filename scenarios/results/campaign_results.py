@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from pickproof.cell.errors import InputError
+from pickproof.scenarios.results.columns import columns_of
 from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
 from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.results.summary import summarise
@@ -16,14 +18,15 @@ from pickproof.scenarios.results.summary import summarise
 if TYPE_CHECKING:
     import pandas
 
-NESTED = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints", "pictures")
-"""What of an attempt is more than one value."""
-FLAT = tuple(f.name for f in fields(AttemptRecord) if f.name not in NESTED)
+FLAT = tuple(c.name for c in columns_of(AttemptRecord) if c.kind is not None)
+"""What of an attempt is a single value."""
 
 
 @dataclass(frozen=True)
-class Campaign:
+class CampaignResults:
     """A campaign in a folder that `pickproof run` wrote or is writing; each property is read once, when asked for.
+
+    It is a path too (`os.PathLike`): what takes a folder of results takes it.
 
     Attributes:
         directory: holds results.sqlite.
@@ -31,15 +34,19 @@ class Campaign:
 
     directory: Path
 
-    @staticmethod
-    def open(directory: str | Path) -> Campaign:
+    @classmethod
+    def open(cls, directory: str | os.PathLike[str]) -> Self:
         """The campaign in a folder.
 
         Raises:
             InputError: there are no results, or they are not pickproof's.
         """
         Store.read(Path(directory)).close()
-        return Campaign(Path(directory))
+        return cls(Path(directory))
+
+    def __fspath__(self) -> str:
+        """The folder."""
+        return str(self.directory)
 
     @cached_property
     def attempts(self) -> tuple[AttemptRecord, ...]:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from pickproof.scenarios.results.columns import LARGE, OWN_TABLE, columns_of
 
 Rows = tuple[tuple[float, ...], ...]
 End = Literal["cleared", "stuck", "stopped"]
@@ -67,12 +70,12 @@ def nested(array: ArrayLike) -> Rows:
     return tuple(tuple(map(float, row)) for row in rows)
 
 
-_PLAIN: dict[str, Callable[[Any], Any]] = {
-    "seed attempt parts_in_bin_before n_estimates": int,
-    "moved success": bool,
-    "estimate_score error_mm error_deg place_mm place_deg sensing_s perceive_s choose_s plan_s robot_s wall_s": float,
-    "estimate_T_world_part part_poses_after": nested,
-}
+@cache
+def _conversions(record: type) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
+    """Field -> what makes a plain number or nested tuples of its value."""
+    numbers = [(c.name, c.kind) for c in columns_of(record) if c.kind in (int, bool, float)]
+    matrices = [(c.name, nested) for c in columns_of(record) if c.hint == Rows]
+    return (*numbers, *matrices)
 
 
 @dataclass(frozen=True)
@@ -120,12 +123,12 @@ class AttemptRecord:
     plan_s: float = 0.0
     robot_s: float = 0.0
     part_poses_after: Rows = ()
-    tree: Any = None
-    pictures: dict[str, bytes] = field(default_factory=dict)
+    tree: Any = field(default=None, metadata=LARGE)
+    pictures: dict[str, bytes] = field(default_factory=dict, metadata=OWN_TABLE)
     wall_s: float = 0.0
     place_mm: float | None = None
     place_deg: float | None = None
-    waypoints: Any = None
+    waypoints: Any = field(default=None, metadata=LARGE)
 
     def __post_init__(self) -> None:
         self._normalise()
@@ -138,11 +141,11 @@ class AttemptRecord:
 
     def _normalise(self) -> None:
         """Plain Python numbers, whatever numpy type they came as, so that a record stores and hashes one way."""
-        for names, kind in _PLAIN.items():
-            for name in names.split():
-                value = getattr(self, name)
-                if value is not None:
-                    object.__setattr__(self, name, kind(value))
+        record: type = type(self)
+        for name, convert in _conversions(record):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, convert(value))
 
     @property
     def compute_s(self) -> float:

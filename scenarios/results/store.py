@@ -2,52 +2,33 @@
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import numpy as np
-
-from pickproof.cell.errors import InputError, PickproofError
-from pickproof.scenarios.files.atomic import StoreError
+from pickproof.cell.errors import InputError
+from pickproof.scenarios.results.columns import columns_of, values_of
+from pickproof.scenarios.results.connection import connect, connect_to_read, explained, lock
 from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
 
 FILE = "results.sqlite"
 SCHEMA_VERSION = 2
 APPLICATION_ID = 0x7069636B  # "pick", in the file's header
 
-_TABLES = """
+_ATTEMPT, _EPISODE = columns_of(AttemptRecord), columns_of(EpisodeRecord)
+LARGE_COLUMNS = tuple(c.name for c in _ATTEMPT if c.large)
+_TABLES = f"""
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE episodes (
-    seed INTEGER PRIMARY KEY, parts_dropped INTEGER NOT NULL, parts_picked INTEGER NOT NULL, end TEXT NOT NULL,
-    attempts INTEGER NOT NULL, wall_s REAL NOT NULL);
-CREATE TABLE attempts (
-    seed INTEGER NOT NULL, attempt INTEGER NOT NULL, moved INTEGER NOT NULL, success INTEGER NOT NULL,
-    reason TEXT NOT NULL, parts_in_bin_before INTEGER NOT NULL, n_estimates INTEGER NOT NULL,
-    estimate_T_world_part TEXT, estimate_score REAL, error_mm REAL, error_deg REAL, grasp TEXT NOT NULL,
-    sensing_s REAL NOT NULL, perceive_s REAL NOT NULL, choose_s REAL NOT NULL, plan_s REAL NOT NULL,
-    robot_s REAL NOT NULL, part_poses_after TEXT NOT NULL, tree TEXT NOT NULL, wall_s REAL NOT NULL,
-    place_mm REAL, place_deg REAL, waypoints TEXT,
-    PRIMARY KEY (seed, attempt));
+CREATE TABLE episodes ({", ".join(c.sql for c in _EPISODE)}, PRIMARY KEY (seed));
+CREATE TABLE attempts ({", ".join(c.sql for c in _ATTEMPT)}, PRIMARY KEY (seed, attempt));
 CREATE TABLE pictures (
     seed INTEGER NOT NULL, attempt INTEGER NOT NULL, name TEXT NOT NULL, png BLOB NOT NULL,
     PRIMARY KEY (seed, attempt, name));
 """
-_ATTEMPT_COLUMNS = [f.name for f in fields(AttemptRecord) if f.name != "pictures"]
-_JSON_COLUMNS = ("estimate_T_world_part", "part_poses_after", "tree", "waypoints")
-_EPISODE_COLUMNS = [f.name for f in fields(EpisodeRecord)]
-LARGE_COLUMNS = ("tree", "waypoints")
-_ADDED_COLUMNS = {"place_mm": "REAL", "place_deg": "REAL", "waypoints": "TEXT"}  # that version 1 did not know
-_REFUSED = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM)
-_PATIENCE_S = 30.0  # [s] a writer waits for another program that holds the file
 
 
 class Store:
@@ -68,13 +49,13 @@ class Store:
             directory.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError("command line", "--out", str(directory), f"a folder to write to ({error})") from None
-        lock = _lock(directory)
+        held = lock(directory)
         try:
             if path.exists():
                 raise InputError(
                     "command line", "--out", str(directory), "a folder without results, or --resume to continue them"
                 )
-            store = Store(path, _connect(path, "rwc"), lock)
+            store = Store(path, connect(path, "rwc"), held)
             with store._errors():
                 store._db.execute("PRAGMA journal_mode = WAL")
                 store._db.execute("PRAGMA synchronous = NORMAL")
@@ -82,7 +63,7 @@ class Store:
                 store._db.executescript(f"{script} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
             store.set_meta({"schema_version": SCHEMA_VERSION, **meta})
         except BaseException:
-            os.close(lock)
+            os.close(held)
             raise
         return store
 
@@ -90,13 +71,13 @@ class Store:
     def resume(directory: Path) -> Store:
         """Open the results in `directory` to continue them; an older schema is brought up to date first."""
         path = _existing(directory)
-        lock = _lock(directory)
+        held = lock(directory)
         try:
-            store = Store(path, _connect(path, "rw"), lock)
+            store = Store(path, connect(path, "rw"), held)
             store._check()
             store._migrate()
         except BaseException:
-            os.close(lock)
+            os.close(held)
             raise
         return store
 
@@ -107,7 +88,7 @@ class Store:
         The folder need not be writable.
         """
         path = _existing(directory)
-        store = Store(path, _connect_to_read(path))
+        store = Store(path, connect_to_read(path))
         store._check()
         return store
 
@@ -137,23 +118,21 @@ class Store:
 
     def add_attempt(self, record: AttemptRecord) -> None:
         """Commit an attempt and its pictures."""
-        row = [getattr(record, name) for name in _ATTEMPT_COLUMNS]
-        for name in _JSON_COLUMNS:
-            value = getattr(record, name)
-            row[_ATTEMPT_COLUMNS.index(name)] = (
-                None if value is None and name != "tree" else json.dumps(value, default=_plain)
-            )
-        marks = ", ".join("?" * len(row))
         pictures = [(record.seed, record.attempt, name, png) for name, png in record.pictures.items()]
         with self._errors(), self._db:
-            self._db.execute(f"INSERT INTO attempts ({', '.join(_ATTEMPT_COLUMNS)}) VALUES ({marks})", row)
+            self._insert("attempts", record)
             self._db.executemany("INSERT INTO pictures VALUES (?, ?, ?, ?)", pictures)
 
     def add_episode(self, record: EpisodeRecord) -> None:
         """Commit the end of an episode."""
-        row = [getattr(record, name) for name in _EPISODE_COLUMNS]
         with self._errors(), self._db:
-            self._db.execute(f"INSERT INTO episodes ({', '.join(_EPISODE_COLUMNS)}) VALUES (?, ?, ?, ?, ?, ?)", row)
+            self._insert("episodes", record)
+
+    def _insert(self, table: str, record: AttemptRecord | EpisodeRecord) -> None:
+        columns = columns_of(type(record))
+        names, marks = ", ".join(c.name for c in columns), ", ".join("?" * len(columns))
+        row = [c.to_sql(getattr(record, c.name)) for c in columns]
+        self._db.execute(f"INSERT INTO {table} ({names}) VALUES ({marks})", row)
 
     def forget_unfinished(self, seed: int | None = None) -> None:
         """Delete attempts of episodes that did not end: of one seed, or of all."""
@@ -179,20 +158,50 @@ class Store:
             without: of `tree` and `waypoints`, what is not read.
             tree: what is kept of each tree.
         """
+        where, values = ("", ()) if seed is None else (" WHERE seed = ?", (seed,))
+        yield from self._read_attempts(f"{where} ORDER BY seed, attempt", values, without, tree)
+
+    def nth_attempt(self, n: str | int) -> AttemptRecord:
+        """The attempt of index `n` in order of seed and attempt, in which the report lists them; no other is read.
+
+        Raises:
+            InputError: there is none.
+        """
         with self._errors():
-            there = self._columns()  # version 1 knew neither placement error nor waypoints
-            columns = [name for name in _ATTEMPT_COLUMNS if name in there and name not in without]
-            which, values = ("", ()) if seed is None else (" WHERE seed = ?", (seed,))
-            query = f"SELECT {', '.join(columns)} FROM attempts{which} ORDER BY seed, attempt"
-            rows = self._db.execute(query, values)
-            for row in rows:
-                yield _attempt(dict(zip(columns, row, strict=True)), tree)
+            count = self._db.execute("SELECT COUNT(*) FROM attempts").fetchone()[0]
+        try:
+            index = int(n)
+        except ValueError:
+            index = -1
+        if not 0 <= index < count:
+            valid = f"an integer from 0 to {count - 1}" if count else "nothing, there is no attempt"
+            raise InputError("command line", "--attempt", n, valid)
+        key = "SELECT seed, attempt FROM attempts ORDER BY seed, attempt LIMIT 1 OFFSET ?"
+        return next(self._read_attempts(f" WHERE (seed, attempt) = ({key})", (index,)))
+
+    def _read_attempts(
+        self,
+        which: str,
+        values: tuple[int, ...],
+        without: Collection[str] = (),
+        tree: Callable[[Any], Any] = lambda tree: tree,
+    ) -> Iterator[AttemptRecord]:
+        """Records of the rows that `which` selects, one after the other."""
+        with self._errors():
+            there = self._columns("attempts")
+            names = [c.name for c in _ATTEMPT if c.name in there and c.name not in without]
+            for row in self._db.execute(f"SELECT {', '.join(names)} FROM attempts{which}", values):
+                found = values_of(AttemptRecord, dict(zip(names, row, strict=True)))
+                if "tree" in found:
+                    found["tree"] = tree(found["tree"])
+                yield AttemptRecord(**found)
 
     def episodes(self) -> list[EpisodeRecord]:
         """All episodes that ended, in order of seed."""
-        query = f"SELECT {', '.join(_EPISODE_COLUMNS)} FROM episodes ORDER BY seed"
         with self._errors():
-            return [EpisodeRecord(*row) for row in self._db.execute(query)]
+            names = [c.name for c in _EPISODE if c.name in self._columns("episodes")]
+            rows = self._db.execute(f"SELECT {', '.join(names)} FROM episodes ORDER BY seed")
+            return [EpisodeRecord(**values_of(EpisodeRecord, dict(zip(names, row, strict=True)))) for row in rows]
 
     def pictures(self, seed: int, attempt: int) -> dict[str, bytes]:
         """Pictures of an attempt, name -> PNG, in the order in which they were made."""
@@ -200,17 +209,19 @@ class Store:
         with self._errors():
             return dict(self._db.execute(query, (seed, attempt)).fetchall())
 
-    def _columns(self) -> set[str]:
-        return {row[1] for row in self._db.execute("PRAGMA table_info(attempts)")}
+    def _columns(self, table: str) -> set[str]:
+        """Names of the columns that are there; an older file has fewer."""
+        return {row[1] for row in self._db.execute(f"PRAGMA table_info({table})")}
 
     def _migrate(self) -> None:
-        """Add what an older version did not know, all or nothing."""
+        """Add the columns that an older version did not know, all or nothing."""
         with self._errors(), self._db:
-            if self._db.execute("PRAGMA user_version").fetchone()[0] == SCHEMA_VERSION:
-                return
             self._db.execute("BEGIN IMMEDIATE")
-            for name in sorted(_ADDED_COLUMNS.keys() - self._columns()):
-                self._db.execute(f"ALTER TABLE attempts ADD COLUMN {name} {_ADDED_COLUMNS[name]}")
+            for table, columns in (("attempts", _ATTEMPT), ("episodes", _EPISODE)):
+                there = self._columns(table)
+                for column in columns:
+                    if column.name not in there:
+                        self._db.execute(f"ALTER TABLE {table} ADD COLUMN {column.added_sql}")
             self._db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         self.set_meta({"schema_version": SCHEMA_VERSION})
 
@@ -234,52 +245,7 @@ class Store:
         try:
             yield
         except sqlite3.Error as error:
-            raise _explain(self.path, error) from None
-
-
-def record_hash(attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRecord]) -> str:
-    """SHA-256 over attempts, outcomes and poses in order of seed and attempt.
-
-    Floats enter by their exact bits (`float.hex`; poses after the attempt as little-endian IEEE 754); times, pictures
-    and everything about the machine stay out.
-    """
-    digest = hashlib.sha256()
-    for a in sorted(attempts, key=lambda a: (a.seed, a.attempt)):
-        chosen = (a.estimate_T_world_part, a.estimate_score, a.error_mm, a.error_deg, a.grasp)
-        outcome = (a.moved, a.success, str(a.reason), a.parts_in_bin_before, a.n_estimates, len(a.part_poses_after))
-        digest.update(json.dumps(_exact(["attempt", a.seed, a.attempt, outcome, chosen])).encode() + b"\n")
-        digest.update(np.array(a.part_poses_after, dtype="<f8").tobytes())
-    for e in sorted(episodes, key=lambda e: e.seed):
-        line = ["episode", e.seed, e.parts_dropped, e.parts_picked, e.end, e.attempts]
-        digest.update(json.dumps(_exact(line)).encode() + b"\n")
-    return digest.hexdigest()
-
-
-def _exact(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return [_exact(v) for v in value]
-    return value.hex() if isinstance(value, float) else value
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if hasattr(value, "tolist") else str(value)
-
-
-def _attempt(row: dict[str, Any], tree: Callable[[Any], Any]) -> AttemptRecord:
-    for name in _JSON_COLUMNS:
-        if row.get(name) is not None:
-            row[name] = _decoded(row[name])
-    if "tree" in row:
-        row["tree"] = tree(row["tree"])
-    row["moved"], row["success"] = bool(row["moved"]), bool(row["success"])
-    return AttemptRecord(**row)
-
-
-def _decoded(text: str) -> Any:
-    try:
-        return msgspec.json.decode(text)  # three times as quick, which 500 MB of trees show
-    except msgspec.DecodeError:
-        return json.loads(text)  # knows NaN and Infinity, which json.dumps writes
+            raise explained(self.path, error) from None
 
 
 def _existing(directory: Path) -> Path:
@@ -287,60 +253,3 @@ def _existing(directory: Path) -> Path:
     if not path.is_file():
         raise InputError(path, "", "missing file", "a folder that `pickproof run --out` wrote")
     return path
-
-
-def _connect(path: Path, mode: str) -> sqlite3.Connection:
-    try:
-        return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=_PATIENCE_S)
-    except sqlite3.Error as error:
-        raise _explain(path, error) from None
-
-
-def _connect_to_read(path: Path) -> sqlite3.Connection:
-    """A connection that reads, also where SQLite may not make the files beside the database that its WAL mode needs.
-
-    There the file is read as one that never changes, unless a journal beside it holds what it lacks.
-
-    Raises:
-        InputError: the file may not be read.
-        StoreError: there is such a journal.
-    """
-    if not os.access(path, os.R_OK):
-        raise InputError(path, "", "no permission to read it", "a file that you may read")
-    connection = _connect(path, "ro")
-    try:
-        connection.execute("PRAGMA application_id").fetchone()
-    except sqlite3.Error as error:
-        refused = getattr(error, "sqlite_errorcode", 0) & 0xFF in _REFUSED
-        if not refused or os.access(path.parent, os.W_OK):
-            return connection  # what is read next says what is wrong
-    else:
-        return connection
-    connection.close()
-    for journal in (path.with_name(f"{path.name}{end}") for end in ("-wal", "-journal")):
-        if journal.is_file() and journal.stat().st_size:
-            found = f"holds what {path.name} lacks, and the folder is not writable"
-            raise StoreError(f"{journal}: {found}; copy the folder to a place where you may write, and read it there")
-    return _connect(path, "ro&immutable=1")
-
-
-def _lock(directory: Path) -> int:
-    """One writer: an advisory lock on the folder, given up by the system when the process ends."""
-    handle = os.open(directory, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
-        raise StoreError(f"{directory}: locked; another `pickproof run` is writing there") from None
-    return handle
-
-
-def _explain(path: Path, error: sqlite3.Error) -> PickproofError:
-    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-    if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
-        return InputError(path, "", str(error), "a file that `pickproof run` wrote")
-    if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
-        return StoreError(f"{path}: {error}; attempts up to here are kept, make room and continue with --resume")
-    if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-        return StoreError(f"{path}: {error}; another program holds it, continue with --resume when it has let go")
-    return StoreError(f"{path}: {error}")

@@ -13,8 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from pickproof.scenarios.files.atomic import write_json
+from pickproof.scenarios.results.record_hash import record_hash
 from pickproof.scenarios.results.records import ENDS, AttemptRecord, Reason
-from pickproof.scenarios.results.store import Store, record_hash
+from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.statistics.intervals import cluster_interval, wilson
 
 FILE = "summary.json"

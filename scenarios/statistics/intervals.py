@@ -11,12 +11,11 @@ from math import sqrt
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import betaln, expit, logit
-from scipy.stats import norm, t
+from scipy.special import betaln, expit, logit, ndtri, stdtrit  # scipy.stats, which calls them, loads slowly
 
 from pickproof.cell.frames import Array
 
-Z95 = float(norm.ppf(0.975))
+Z95 = float(ndtri(0.975))
 ICC_PRIOR = 4.0
 """Correlation r within a bin has the prior density 4 (1 - r)^3, of mean 1/5."""
 UNSEEN_FAILURES, UNSEEN_ICC = 4.0, 0.05
@@ -141,7 +140,7 @@ def difference_intervals(first: tuple[Array, Array], second: tuple[Array, Array]
         return np.tile((-1.0, 1.0), (len(n1), 1))
     difference = second[0].sum(1) / n2 - first[0].sum(1) / n1
     variance = difference_variances(first, second)
-    half = t.ppf(0.975, episodes - 1) * np.sqrt(variance)
+    half = stdtrit(episodes - 1, 0.975) * np.sqrt(variance)
     return np.clip(np.column_stack([difference - half, difference + half]), -1.0, 1.0)
 
 

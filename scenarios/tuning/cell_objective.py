@@ -9,6 +9,7 @@ from pathlib import Path
 from pickproof.grasping.grasp_points import GraspPoint
 from pickproof.scenarios.campaign.campaign import run_campaign
 from pickproof.scenarios.campaign.executor import Runner
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.comparison.compare import Comparison, compare
 from pickproof.scenarios.comparison.paired import Outcome, outcomes
 from pickproof.scenarios.config.scenario import Scenario, scenario_json, weights_used
@@ -50,8 +51,8 @@ def run_folder(
     if not there:
         write_whole(own, text)
     if not there or _ended(folder, seed + episodes) < episodes:
-        run_campaign(
-            scenario,
+        request = CampaignRequest(
+            scenario=scenario,
             episodes=max(episodes, _asked(folder) if there else 0),
             seed=seed,
             workers=plan.workers,
@@ -64,6 +65,7 @@ def run_folder(
             resume=there,
             pictures=False,
         )
+        run_campaign(request)
     with Store.read(folder) as store:
         found = outcomes(store.attempts(large=False), store.episodes())
     return sorted((o for o in found if o.seed < seed + episodes), key=lambda o: o.seed)

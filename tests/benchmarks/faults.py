@@ -27,7 +27,8 @@ import numpy as np
 from pickproof.cell.child_process import child_environment
 from pickproof.cell.errors import PickproofError
 from pickproof.scenarios.campaign.ray_pool import ON_LOOPBACK
-from pickproof.scenarios.results.store import FILE, Store, record_hash
+from pickproof.scenarios.results.record_hash import record_hash
+from pickproof.scenarios.results.store import FILE, Store
 
 ROOT = Path(__file__).resolve().parents[2]
 FAKE = [sys.executable, str(ROOT / "tests" / "scenarios" / "fake_cli.py")]

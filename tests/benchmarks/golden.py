@@ -15,8 +15,8 @@ from pickproof.scenarios.campaign.episode import run_episode
 from pickproof.scenarios.campaign.job import Job
 from pickproof.scenarios.config.input_hashes import versions
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.results.record_hash import record_hash
 from pickproof.scenarios.results.records import AttemptRecord
-from pickproof.scenarios.results.store import record_hash
 
 FILE = Path(__file__).with_name("golden.json")
 GRID = Path(__file__).resolve().parents[1] / "scenarios" / "placing" / "grid.yaml"

@@ -54,7 +54,7 @@ class Browser:
         while not (port_file.is_file() and port_file.read_text().strip()):
             assert self._process.poll() is None, "chromium ended at once"
             assert time.monotonic() - begun < START, "chromium did not start"
-            time.sleep(0.1)
+            time.sleep(0.05)
         port = port_file.read_text().split()[0]
         with urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
             target = next(t for t in json.load(answer) if t["type"] == "page")
@@ -100,7 +100,7 @@ class Browser:
         begun = time.monotonic()
         while not self.run(f"Boolean({condition})"):
             assert time.monotonic() - begun < seconds, f"never true: {condition}; {self.errors}"
-            time.sleep(0.2)
+            time.sleep(0.05)
 
     def click(self, x: float, y: float) -> None:
         """A click of the left button at a point of the page in pixels."""

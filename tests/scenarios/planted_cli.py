@@ -4,6 +4,7 @@ import sys
 import types
 
 from tests.scenarios import planted_episode
+from tests.scenarios.in_process import episodes_in_this_process
 
 if __name__ == "__main__":
     sys.modules["pickproof.scenarios.campaign.episode"] = planted_episode
@@ -12,5 +13,7 @@ if __name__ == "__main__":
         check_inputs=lambda scenario, oracle: None
     )
     from pickproof.scenarios.commands.cli import main
+
+    episodes_in_this_process()
 
     sys.exit(main())

@@ -5,19 +5,22 @@ import pytest
 from pickproof.cell.errors import InputError, PickproofError
 from pickproof.cell.workpiece.workpiece import SHIPPED
 from pickproof.scenarios.campaign.campaign import run_campaign
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.results.record_hash import record_hash
 from pickproof.scenarios.results.records import Reason
-from pickproof.scenarios.results.store import Store, record_hash
+from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.results.summary import summarise
 from tests.scenarios.fake_episode import run_episode
 
 
-def campaign(out, episodes=2, workers=1, gripper="jaw_v1", count=6, **options):
-    run_campaign(
-        load_scenario("bracket", [f"gripper='{gripper}'", f"count={count}", "stop.attempt_limit=20"]),
-        **{"episodes": episodes, "seed": 3, "workers": workers, "oracle": frozenset(), "out": out, **options},
+def campaign(out, episodes=2, workers=1, gripper="jaw_v1", count=6, on_event=lambda event: None, **options):
+    request = CampaignRequest(
+        scenario=load_scenario("bracket", [f"gripper='{gripper}'", f"count={count}", "stop.attempt_limit=20"]),
+        **{"episodes": episodes, "seed": 3, "workers": workers, "out": out, **options},
         runner=run_episode,
     )
+    run_campaign(request, on_event)
     with Store.read(out) as store:
         return store.attempts(), store.episodes(), summarise(store)
 

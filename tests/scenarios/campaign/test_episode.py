@@ -11,8 +11,8 @@ import pytest
 from pickproof.scenarios.campaign.episode import run_episode
 from pickproof.scenarios.campaign.job import Job
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.results.record_hash import record_hash
 from pickproof.scenarios.results.records import NO_PICK_REASONS, AttemptRecord, EpisodeRecord
-from pickproof.scenarios.results.store import record_hash
 
 ORACLE = frozenset({"perception"})
 

@@ -9,6 +9,7 @@ import pytest
 
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.campaign.campaign import run_campaign
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.results.store import Store
@@ -25,8 +26,8 @@ ray_leaves_rests = pytest.mark.filterwarnings(  # pipes and processes, to the co
 
 
 def campaign(out, ray, gripper="jaw_v1", on_event=lambda event: None):
-    run_campaign(
-        load_scenario("bracket", [f"gripper='{gripper}'", "count=6", "stop.attempt_limit=20"]),
+    request = CampaignRequest(
+        scenario=load_scenario("bracket", [f"gripper='{gripper}'", "count=6", "stop.attempt_limit=20"]),
         episodes=3,
         seed=3,
         workers=2,
@@ -34,8 +35,8 @@ def campaign(out, ray, gripper="jaw_v1", on_event=lambda event: None):
         out=out,
         runner=run_episode,
         ray=ray,
-        on_event=on_event,
     )
+    run_campaign(request, on_event)
     with Store.read(out) as store:
         return summarise(store)
 

@@ -131,7 +131,7 @@ def test_no_arm_ever_moved():
     assert a.named is None and a.stages[0].success is None and a.rest is None
 
 
-def test_a_planted_loss_is_named_through_real_campaigns(tmp_path):
+def test_a_planted_loss_is_named_through_real_campaigns(in_process, tmp_path):
     scenario = load_scenario("bracket", ["count=40"])
     a = run_modes(scenario, 6, 1, tmp_path, planted_oracles.run_episode, "test")
     gains = {s.name: s.success.difference for s in a.stages}

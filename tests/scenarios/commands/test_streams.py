@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -129,26 +130,28 @@ BROKEN = ["--set", "count=6", "--set", "gripper=broken"]
     ],
     ids=lambda words: words[0],
 )
-def test_where_nothing_was_measured_it_is_said(words: list[str], tmp_path: Path) -> None:
+def test_where_nothing_was_measured_it_is_said(
+    words: list[str], faked: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """`dies_at_once` never makes an attempt: all that is recorded is the physics that broke down."""
     how = ["--set", "count=6", "--set", "gripper=dies_at_once", "--out", "out"]
-    done = subprocess.run([*FAKE, *words, *how], cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    last = done.stderr.splitlines()[-1]
-    assert done.returncode == 2
+    assert faked(*words, *how) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
     assert "nothing was measured" in last and "simulation_error" in last and "at infinity" in last
     assert not list(tmp_path.glob("*.baseline.json"))
 
 
-def test_a_gate_over_broken_physics_has_no_verdict(baseline: Path, tmp_path: Path) -> None:
-    words = [*PLANTED, "gate", "bracket", "--set", "count=10", "--set", "gripper=broken", "--out", "gate"]
+def test_a_gate_over_broken_physics_has_no_verdict(
+    planted: Callable[..., int], baseline: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["gate", "bracket", "--set", "count=10", "--set", "gripper=broken", "--out", "gate"]
     words += ["--baseline", str(baseline), "--json", "g.json"]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 2 and "nothing was measured" in done.stderr
+    assert planted(*words) == 2
+    assert "nothing was measured" in capsys.readouterr().err
     assert not (tmp_path / "g.json").exists()
 
 
-def test_some_that_broke_down_are_counted_as_failures(tmp_path: Path) -> None:
-    words = [*FAKE, "run", "bracket", *BROKEN, "--episodes", "1", "--out", "run"]
-    assert subprocess.run(words, cwd=tmp_path, capture_output=True, timeout=300).returncode == 0
+def test_some_that_broke_down_are_counted_as_failures(faked: Callable[..., int], tmp_path: Path) -> None:
+    assert faked("run", "bracket", *BROKEN, "--episodes", "1", "--out", "run") == 0
     reasons = json.loads((tmp_path / "run" / "summary.json").read_text())["reasons"]
     assert reasons["simulation_error"] == 1

@@ -1,7 +1,4 @@
 import json
-import subprocess
-import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -13,8 +10,6 @@ from pickproof.scenarios.comparison.gate import junit, run_gate
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.statistics.sequential_test import Rule
 from tests.scenarios.planted_episode import run_episode, write_campaign
-
-PLANTED = [sys.executable, str(Path(__file__).parents[1] / "planted_cli.py")]
 
 
 def scenario(rate, *more):
@@ -43,7 +38,7 @@ def test_baseline_comes_back_and_is_small(baseline, tmp_path):
 
 
 @pytest.mark.parametrize(("rate", "decision"), [(0.95, "passed"), (0.85, "worse")])
-def test_decisions(baseline, tmp_path, rate, decision):
+def test_decisions(in_process, baseline, tmp_path, rate, decision):
     result = gate(rate, baseline, tmp_path / "out")
     assert result.decision == decision
     assert result.episodes < 250
@@ -53,17 +48,19 @@ def test_decisions(baseline, tmp_path, rate, decision):
     assert case.get("failures") == str(int(decision == "worse")) and case.get("errors") == "0"
 
 
-def test_undecided_at_the_limit_and_resumed_to_a_decision(baseline, tmp_path):
+def test_undecided_at_the_limit_and_resumed_to_a_decision(baseline, tmp_path, request):
+    straight = gate(0.95, baseline, tmp_path / "straight", workers=2)
+    request.getfixturevalue("in_process")
     out = tmp_path / "out"
     first = gate(0.95, baseline, out, max_episodes=40)
     assert (first.decision, first.episodes) == ("undecided", 40)
     assert ElementTree.fromstring(junit(first, "bracket"))[0].get("errors") == "1"
     resumed = gate(0.95, baseline, out, resume=True)
-    assert resumed == gate(0.95, baseline, tmp_path / "straight", workers=3)
+    assert resumed == straight
     assert gate(0.95, baseline, out, resume=True) == resumed  # nothing left to run
 
 
-def test_whole_episodes(tmp_path):
+def test_whole_episodes(in_process, tmp_path):
     write_campaign(tmp_path / "a", scenario(0.95), range(250))
     path = write_baseline(tmp_path / "b.json", baseline_of(tmp_path / "a"))
     result = gate(0.85, path, tmp_path / "out", measure="success")
@@ -100,22 +97,20 @@ def test_gaps_are_refused(baseline):
         read_baseline(baseline)
 
 
-def test_commands(tmp_path):
-    def planted(*words):
-        return subprocess.run([*PLANTED, *words], cwd=tmp_path, capture_output=True, text=True, timeout=120)
-
+def test_commands(planted, tmp_path, capsys):
     base = ["--set", "count=10", "--set", "carry.speed_scale"]
-    done = planted("baseline", "bracket", *base[:3], "carry.speed_scale=0.95", "--episodes", "120")
-    assert done.returncode == 0 and "bracket.baseline.json: 120 episodes" in done.stdout
+    assert planted("baseline", "bracket", *base[:3], "carry.speed_scale=0.95", "--episodes", "120") == 0
+    assert "bracket.baseline.json: 120 episodes" in capsys.readouterr().out
     words = ["gate", "bracket", *base[:3]]
     files = ["--baseline", "bracket.baseline.json", "--json", "g.json", "--junit", "g.xml"]
-    worse = planted(*words, "carry.speed_scale=0.8", *files)
-    assert worse.returncode == 1 and worse.stdout.startswith("worse: ") and worse.stdout.count("\n") == 1
+    assert planted(*words, "carry.speed_scale=0.8", *files) == 1
+    worse = capsys.readouterr().out
+    assert worse.startswith("worse: ") and worse.count("\n") == 1
     assert json.loads((tmp_path / "g.json").read_text())["changed"] == [
         "carry.speed_scale"
     ]  # versions and weights are the same
     assert "carry.speed_scale" in ElementTree.parse(tmp_path / "g.xml").findtext(".//failure")
-    same = planted(*words, "carry.speed_scale=0.95", *files)
-    assert same.returncode == 3 and "after 120 paired episodes" in same.stdout
-    assert planted(*words, "carry.speed_scale=0.95", *files, "--margin", "0.05").returncode == 0
-    assert planted("gate", "bracket", *files).returncode == 2
+    assert planted(*words, "carry.speed_scale=0.95", *files) == 3
+    assert "after 120 paired episodes" in capsys.readouterr().out
+    assert planted(*words, "carry.speed_scale=0.95", *files, "--margin", "0.05") == 0
+    assert planted("gate", "bracket", *files) == 2

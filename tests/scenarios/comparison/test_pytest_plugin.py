@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -29,11 +31,13 @@ CONFTEST = """
     import sys
     import types
     from tests.scenarios import planted_episode
+    from tests.scenarios.in_process import episodes_in_this_process
 
     sys.modules["pickproof.scenarios.campaign.episode"] = planted_episode
     # a planted episode reads no files, and the real work cell takes seconds to import
     no_cell = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)
     sys.modules["pickproof.scenarios.picking.workcell"] = no_cell
+    episodes_in_this_process()
 """
 
 
@@ -87,10 +91,7 @@ def test_numbers_and_bad_markers(suite):
     found.stdout.fnmatch_lines(["*marker grasp_rate takes episodes, workers*"])
 
 
-def test_the_plugin_imports_nothing_heavy(pytester, monkeypatch):
-    import subprocess
-    import sys
-
+def test_the_plugin_imports_nothing_heavy():
     code = "import sys, pickproof.scenarios.comparison.pytest_plugin; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert not {"numpy", "scipy", "torch", "pydantic", "rich"} & set(done.stdout.split())

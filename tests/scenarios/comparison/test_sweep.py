@@ -1,14 +1,10 @@
 import json
-import sys
-import types
 
 import pytest
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.comparison.sweep import parse_axis, plan
 from pickproof.scenarios.results.store import FILE
-from tests.scenarios import planted_episode
 
 
 @pytest.mark.parametrize(
@@ -40,19 +36,16 @@ def test_every_combination_is_checked_before_the_first_runs(tmp_path):
         plan("bracket", [parse_axis("count=1:100:1"), parse_axis("seed=1,2,3")], None, tmp_path)
 
 
-def test_command_is_resumable(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "pickproof.scenarios.campaign.episode", planted_episode)
-    stub = types.SimpleNamespace(check_inputs=lambda scenario, oracle: None)
-    monkeypatch.setitem(sys.modules, "pickproof.scenarios.picking.workcell", stub)
+def test_command_is_resumable(planted, tmp_path, capsys):
     out = tmp_path / "sweep"
     words = ["sweep", "bracket", "--out", str(out), "--episodes", "4", "--set", "count=10"]
-    assert main([*words, "--set", "carry.speed_scale=0.7,0.95"]) == 0
+    assert planted(*words, "--set", "carry.speed_scale=0.7,0.95") == 0
     table = capsys.readouterr().out
     assert "carry.speed_scale" in table and (out / "sweep.png").stat().st_size > 5000
     rows = json.loads((out / "sweep.json").read_text())["rows"]
     assert rows[0]["summary"]["success_rate"] < rows[1]["summary"]["success_rate"]
     files = {p: p.stat().st_mtime_ns for p in out.glob(f"*/{FILE}")}
     first = {r["folder"]: r["summary"]["record_hash"] for r in rows}
-    assert main([*words, "--set", "carry.speed_scale=0.7,0.8,0.95"]) == 0
+    assert planted(*words, "--set", "carry.speed_scale=0.7,0.8,0.95") == 0
     again = {r["folder"]: r["summary"]["record_hash"] for r in json.loads((out / "sweep.json").read_text())["rows"]}
     assert len(again) == 3 and first.items() <= again.items() and len(files) == 2

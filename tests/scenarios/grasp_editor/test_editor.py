@@ -229,6 +229,13 @@ def test_the_heap_is_the_same_before_every_try() -> None:
     assert (first.held, first.reason) == (again.held, again.reason)
 
 
+def drawn(browser: Browser) -> None:
+    """Wait until the page has been drawn three times: what it was sent has reached the scene by then."""
+    frame = "new Promise(done => requestAnimationFrame(done))"
+    for _ in range(3):
+        browser.run(frame)
+
+
 def press(browser: Browser, label: str) -> None:
     """Click a button by its text, once it can be."""
     find = f"[...document.querySelectorAll('button')].find(e => e.innerText.trim() === '{label}' && !e.disabled)"
@@ -244,7 +251,7 @@ def open_tab(browser: Browser, title: str) -> None:
 
     def selected() -> bool:
         browser.click(*browser.run(place))  # again where the page has just moved it
-        time.sleep(1.0)
+        drawn(browser)
         return bool(browser.run(f"{tab}.ariaSelected === 'true'"))
 
     soon(selected)
@@ -279,10 +286,10 @@ def drag_handle(browser: Browser, editor: GraspEditor, axis: int) -> None:
     stops = [pixel(T[:3, 3] + share * arrow * T[:3, axis]) for share in (0.7, 0.8, 0.9, 1.0)]
     for k, (x, y) in enumerate(stops):
         browser.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="left", buttons=int(k > 0))
-        time.sleep(1.0)
+        drawn(browser)
         if k == 0:
             browser.send("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, button="left", clickCount=1)
-            time.sleep(1.0)
+            drawn(browser)
     browser.send("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left", clickCount=1)
 
 

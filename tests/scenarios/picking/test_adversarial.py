@@ -19,8 +19,9 @@ from pickproof.cell.physics.world import GRAVITY, World
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.robots.kinematics.inverse import inverse
 from pickproof.robots.kinematics.model import load_robot
-from pickproof.scenarios.picking.outcome import Evidence, judge
-from pickproof.scenarios.picking.workcell import PLACE, SOURCE
+from pickproof.scenarios.picking.cell_model import PLACE, SOURCE
+from pickproof.scenarios.picking.outcome import judge
+from pickproof.scenarios.picking.stages import Evidence
 
 SOURCE_BIN = Bin(SOURCE, (0.26, 0.20, 0.06), 0.006, (0.45, 0.0, 0.01))
 PLACE_BIN = Bin(PLACE, (0.26, 0.20, 0.06), 0.006, (0.25, -0.36, 0.01))

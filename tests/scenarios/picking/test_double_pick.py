@@ -23,13 +23,15 @@ from pickproof.robots.motion.timing import rest_to_rest
 from pickproof.scenarios.campaign.episode import oracle_perception
 from pickproof.scenarios.config.scenario import WristConfig, list_scenarios, load_scenario
 from pickproof.scenarios.picking import double_pick as weighing
-from pickproof.scenarios.picking.double_pick import Weighed, count_by_weight, readings
+from pickproof.scenarios.picking.cell_model import SOURCE
+from pickproof.scenarios.picking.double_pick import count_by_weight, readings
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.grasp_selection import choose
 from pickproof.scenarios.picking.motion_time import LONGEST, with_motion
 from pickproof.scenarios.picking.pick import attempt_pick
 from pickproof.scenarios.picking.plan_selection import decide
-from pickproof.scenarios.picking.workcell import SOURCE, Workcell
+from pickproof.scenarios.picking.stages import Weighed
+from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.reporting.explain import explain
 from pickproof.scenarios.results.records import AttemptRecord, Reason
 from tests.cell.physics.grasp_cell import GraspCell
@@ -108,7 +110,6 @@ def felt(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
 
     monkeypatch.setattr(weighing, "weigh", lambda world, arm, seconds: read(seconds))
     monkeypatch.setattr(weighing, "weigh_swinging", lambda world, arm, steady, quiet: read(quiet))
-    monkeypatch.setattr(weighing, "_way_up", lambda cell, plan: np.zeros((0, 6)))
     monkeypatch.setattr(weighing, "execute", lambda world, arm, q, stop_above: MotionLog())
     return state
 
@@ -118,6 +119,7 @@ def counts(felt: dict[str, float], mass: float, held: int, rng: np.random.Genera
     cell = SimpleNamespace(
         world=None,
         arm=None,
+        carrier=SimpleNamespace(raised=lambda cell, carry, height: np.zeros((0, 6))),
         workpiece=SimpleNamespace(mass=mass),
         scenario=SimpleNamespace(wrist=WristConfig(**wrist), limits=SimpleNamespace(contact_force_N=50.0)),
     )

@@ -22,8 +22,9 @@ from pickproof.robots.collision.held_part import HeldPart
 from pickproof.robots.collision.scene import CollisionScene
 from pickproof.robots.kinematics.model import load_robot
 from pickproof.robots.plan.pick_plan import PickPlan, PickRequest, plan_pick
-from pickproof.scenarios.picking.outcome import Evidence, judge
-from pickproof.scenarios.picking.workcell import PLACE, SOURCE
+from pickproof.scenarios.picking.cell_model import PLACE, SOURCE
+from pickproof.scenarios.picking.outcome import judge
+from pickproof.scenarios.picking.stages import Evidence
 from pickproof.scenarios.placing.heap_placing import PlacePlan
 from tests.cell.workpiece.solids import block, drilled
 

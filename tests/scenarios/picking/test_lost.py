@@ -15,9 +15,10 @@ from pickproof.cell.physics.trajectory_execution import MotionLog, execute
 from pickproof.cell.physics.world import World
 from pickproof.scenarios.campaign.episode import oracle_perception
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.picking.cell_model import PLACE
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.pick import attempt_pick
-from pickproof.scenarios.picking.workcell import PLACE, Workcell
+from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import Reason
 
 CARRY = 4

@@ -14,11 +14,14 @@ from pickproof.grasping.candidates import GraspCandidate
 from pickproof.scenarios.campaign.episode import oracle_perception, run_episode
 from pickproof.scenarios.campaign.job import Job
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.picking.carriers import ArmCarrier
+from pickproof.scenarios.picking.cell_model import SOURCE
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.grasp_selection import choose
 from pickproof.scenarios.picking.heap_heightmap import scene_points, true_points
+from pickproof.scenarios.picking.heap_knowledge import MeasuredHeap
 from pickproof.scenarios.picking.pick import attempt_pick
-from pickproof.scenarios.picking.workcell import SOURCE, Workcell
+from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import AttemptRecord
 
 FAR = "source_bin={inner: [0.26, 0.20, 0.06], position: [1.30, 0.0, 0.01]}"
@@ -42,11 +45,10 @@ def best(cell: Workcell) -> GraspCandidate:
 
 def test_the_grasp_oracle_tells_what_holds_from_what_does_not_and_leaves_the_cell_alone(cell: Workcell) -> None:
     candidate, before = best(cell), cell.observe()
-    assert cell.grasp_oracle is not None
     high = make_transform(t=(0.0, 0.0, 0.04)) @ candidate.T_world_tool
     deep = make_transform(t=(0.0, 0.0, -0.03)) @ candidate.T_world_tool
     tried = [candidate, *(replace(candidate, T_world_tool=T) for T in (high, deep)), candidate]
-    said = [cell.grasp_oracle.refuses(c, before) for c in tried]
+    said = [cell.heap.refuses(c) for c in tried]
     assert said[0] == said[3] == ""
     assert said[1] == "closes on nothing"
     assert said[2] != ""
@@ -56,7 +58,8 @@ def test_the_grasp_oracle_tells_what_holds_from_what_does_not_and_leaves_the_cel
 
 
 def test_true_points_lie_on_every_workpiece_on_all_sides(cell: Workcell) -> None:
-    truth, points = cell.observe(), true_points(cell)
+    truth = cell.observe()
+    points = true_points(cell, truth)
     for i in truth.parts_in(SOURCE):
         local = apply(invert(truth.Ts_world_part[i]), points)
         low, high = cell.workpiece.vertices.min(axis=0), cell.workpiece.vertices.max(axis=0)
@@ -81,7 +84,7 @@ def test_a_bin_out_of_the_arms_reach_is_picked_by_the_motion_oracle_alone() -> N
 def test_oracles_are_used_where_named_only() -> None:
     cell = Workcell.build(load_scenario("bracket", ["count=1"]), seed=0)
     try:
-        assert cell.grasp_oracle is None and cell.oracle == frozenset()
+        assert isinstance(cell.heap, MeasuredHeap) and isinstance(cell.carrier, ArmCarrier)
         np.testing.assert_array_equal(cell.home, cell.robot.home)
         state = EpisodeState.of(cell)
         assert attempt_pick(cell, oracle_perception, state, 0, 0).waypoints

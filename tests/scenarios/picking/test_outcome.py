@@ -12,7 +12,8 @@ from pickproof.cell.physics.observation import Snapshot
 from pickproof.cell.physics.trajectory_execution import MotionLog
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.cell.workpiece.workpiece import load_workpiece
-from pickproof.scenarios.picking.outcome import Evidence, judge, nearest_true
+from pickproof.scenarios.picking.outcome import judge, nearest_true
+from pickproof.scenarios.picking.stages import Evidence
 from pickproof.scenarios.results.records import Reason
 
 LIMIT_N, LIMIT_S = 50.0, 30.0

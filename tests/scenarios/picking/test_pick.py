@@ -12,6 +12,7 @@ from pickproof.cell.frames import Array, apply, invert, make_transform
 from pickproof.grasping.candidates import Selection
 from pickproof.scenarios.campaign.episode import oracle_perception
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.picking.cell_model import SOURCE
 from pickproof.scenarios.picking.episode_state import AVOID_RADIUS, EpisodeState
 from pickproof.scenarios.picking.execution import release_opening
 from pickproof.scenarios.picking.grasp_selection import choose
@@ -19,7 +20,7 @@ from pickproof.scenarios.picking.heap_heightmap import BIN_MARGIN, GRID, Scan, s
 from pickproof.scenarios.picking.pick import Perceive, attempt_pick
 from pickproof.scenarios.picking.plan_selection import decide
 from pickproof.scenarios.picking.stages import Estimates
-from pickproof.scenarios.picking.workcell import SOURCE, Workcell
+from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import Reason
 
 YAW = 0.6

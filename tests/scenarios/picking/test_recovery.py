@@ -12,17 +12,18 @@ from pickproof.cell.geometry.bin import Box
 from pickproof.cell.physics.trajectory_execution import execute
 from pickproof.grasping.verdict import CHOSEN
 from pickproof.robots.kinematics.model import forward
-from pickproof.robots.plan.pick_plan import PickPlan
 from pickproof.scenarios.campaign.episode import oracle_perception
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.picking.cell_model import SOURCE
 from pickproof.scenarios.picking.episode_state import EpisodeState
-from pickproof.scenarios.picking.execution import move
+from pickproof.scenarios.picking.execution import execute_pick
 from pickproof.scenarios.picking.grasp_selection import choose
 from pickproof.scenarios.picking.pick import attempt_pick
 from pickproof.scenarios.picking.plan_selection import decide
 from pickproof.scenarios.picking.recovery import recover
-from pickproof.scenarios.picking.stages import Decision
-from pickproof.scenarios.picking.workcell import SOURCE, Workcell
+from pickproof.scenarios.picking.snapshots import AttemptPictures
+from pickproof.scenarios.picking.stages import ComputeTimes, Considered, PlannedPick
+from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import Reason
 
 PLANNED_SEED = 0
@@ -35,14 +36,16 @@ def cell() -> Iterator[Workcell]:
     built.close()
 
 
-def planned(cell: Workcell, state: EpisodeState, attempt: int = 0) -> tuple[Decision, PickPlan]:
+def planned(cell: Workcell, state: EpisodeState, attempt: int = 0) -> tuple[Considered, PlannedPick]:
     """What `attempt_pick` will do, as it draws its random numbers."""
     rng = np.random.default_rng((PLANNED_SEED, 1, attempt))
     frame, ids = cell.capture(rng)
-    selection = choose(cell, frame, oracle_perception(cell, frame, ids, rng), state, attempt)
+    estimates = oracle_perception(cell, frame, ids, rng)
+    selection = choose(cell, frame, estimates, state, attempt)
     decision = decide(cell, frame, selection, state, int(rng.integers(2**31)))
-    assert decision.plan is not None
-    return decision, decision.plan
+    assert decision.pick is not None
+    times = ComputeTimes(0.0, 0.0, 0.0)
+    return Considered(cell.observe(), frame, estimates, selection, decision, times), decision.pick
 
 
 def plant(cell: Workcell, q: Array) -> Box:
@@ -62,20 +65,20 @@ def test_nothing_is_touched_on_planned_ways(cell: Workcell) -> None:
     """The engine's own contact points of arm and gripper body, at every step of two picks; fingers excepted."""
     state = EpisodeState.of(cell)
     for attempt in range(2):
-        decision, plan = planned(cell, state, attempt)
-        assert decision.candidate is not None
-        rng = np.random.default_rng(0)
-        evidence, _ = move(cell, state.place, decision.candidate, plan, cell.observe(), True, False, {}, rng)
+        considered, pick = planned(cell, state, attempt)
+        pictures, rng = AttemptPictures(cell, every_stage=False), np.random.default_rng(0)
+        executed = execute_pick(cell, state.place, considered, pictures, rng)
+        evidence = executed.evidence
         assert evidence.released and not evidence.log.stopped
         assert evidence.log.touched == set() and evidence.log.max_force == 0.0
-        state.place.fill(plan.place)
-        state.waits_at = plan.carry.q[-1]
+        state.remember_pick(attempt, executed, cell.arm)
+        np.testing.assert_array_equal(state.waits_at, pick.plan.carry.q[-1])
 
 
 @pytest.mark.parametrize("leg", ["approach", "carry"])
 def test_the_arm_draws_back_from_what_it_hits(cell: Workcell, leg: str) -> None:
     state = EpisodeState.of(cell)
-    _, plan = planned(cell, state)
+    plan = planned(cell, state)[1].plan
     rows = plan.approach.q if leg == "approach" else plan.carry.q
     plant(cell, rows[len(rows) // 2])
     parts = len(cell.observe().parts_in(SOURCE))
@@ -89,14 +92,13 @@ def test_the_arm_draws_back_from_what_it_hits(cell: Workcell, leg: str) -> None:
 
 
 def test_where_the_way_back_is_shut_it_is_said(cell: Workcell) -> None:
-    decision, plan = planned(cell, EpisodeState.of(cell))
-    assert decision.candidate is not None
-    way_in = plan.approach.q
-    cell.arm.hold_jaws(decision.candidate.opening)  # for which it was planned
+    _, pick = planned(cell, EpisodeState.of(cell))
+    way_in = pick.plan.approach.q
+    cell.arm.hold_jaws(pick.candidate.opening)  # for which it was planned
     assert not execute(cell.world, cell.arm, way_in).stopped
-    free = recover(cell, decision.candidate, way_in, way_in[:0], cell.arm.opening)
+    free = recover(cell, pick.candidate, way_in, way_in[:0], cell.arm.opening)
     assert not free.stopped and np.abs(cell.arm.q - cell.robot.home).max() < 0.01
     assert not execute(cell.world, cell.arm, way_in).stopped
     box = plant(cell, way_in[len(way_in) // 3])
-    shut = recover(cell, decision.candidate, way_in, way_in[:0], cell.arm.opening)
+    shut = recover(cell, pick.candidate, way_in, way_in[:0], cell.arm.opening)
     assert shut.stopped and box.name in shut.touched

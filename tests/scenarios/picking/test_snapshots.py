@@ -11,7 +11,7 @@ from pickproof.scenarios.campaign.episode import oracle_perception
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.grasp_selection import choose
-from pickproof.scenarios.picking.snapshots import CHOSEN, OTHERS, TOOL, depth_picture, png, snap
+from pickproof.scenarios.picking.snapshots import CHOSEN, OTHERS, TOOL, cell_snapshot, depth_picture, png
 from pickproof.scenarios.picking.stages import Estimates
 from pickproof.scenarios.picking.workcell import Workcell
 
@@ -67,12 +67,11 @@ def test_a_blind_camera_still_gives_a_picture(cell: Workcell) -> None:
 
 
 def test_a_snapshot_shows_the_cell_as_it_stands(cell: Workcell) -> None:
-    pictures: dict[str, bytes] = {}
-    snap(cell, pictures, "before")
+    shown_before = cell_snapshot(cell)
     q = cell.robot.home.copy()
     cell.arm.reset(q + np.array([0.5, 0, 0, 0, 0, 0]))
-    snap(cell, pictures, "after")
+    shown_after = cell_snapshot(cell)
     cell.arm.reset(q)
-    before, after = (decoded(pictures[name]) for name in ("before", "after"))
+    before, after = (decoded(shown) for shown in (shown_before, shown_after))
     assert before.shape == after.shape == (420, 560, 3)
     assert 0.005 < (np.abs(before.astype(int) - after).max(axis=-1) > 20).mean() < 0.9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,6 +23,7 @@ from pickproof.robots.kinematics.links import link_poses, link_shapes
 from pickproof.robots.kinematics.model import load_robot
 from pickproof.scenarios.campaign.episode import run_episode
 from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.config.scenario import list_scenarios, load_scenario, scenario_json
 from pickproof.scenarios.picking.recorder import PERIOD
 from pickproof.scenarios.replay.data import Replayed
@@ -34,7 +37,7 @@ from pickproof.scenarios.results.replay_file import (
     write_artefact,
 )
 from pickproof.scenarios.results.replay_selection import Keep
-from pickproof.scenarios.results.store import Store
+from pickproof.scenarios.results.store import FILE, Store
 from tests.scenarios.browser import CHROMIUM, Browser
 from tests.scenarios.reporting.test_report import meta
 from tests.scenarios.sockets import listening, on_loopback
@@ -79,6 +82,19 @@ def test_what_is_kept_is_the_attempt(campaign: Path, shown: Replayed) -> None:
     at_grasp = np.linalg.norm(shown.Ts_world_tool[:, :3, 3] - chosen[0]["T_world_tool"][:3, 3], axis=1)
     assert at_grasp.min() < 0.003
     assert (shown.errors_mm < 1e-2).all() and not shown.wrong.any()
+
+
+def test_one_attempt_is_replayed_and_exported_without_reading_another(campaign: Path, tmp_path: Path) -> None:
+    shutil.copytree(campaign, tmp_path / "copy")
+    with sqlite3.connect(tmp_path / "copy" / FILE) as db:  # whoever decodes another row fails
+        db.execute("UPDATE attempts SET tree = 'no JSON', waypoints = 'no JSON' WHERE attempt != 1")
+    db.close()
+    assert Replayed.load(tmp_path / "copy", "1").record.attempt == 1
+    program = tmp_path / "PICK.LS"
+    assert main(["export-program", str(tmp_path / "copy"), "--attempt", "1", "--out", str(program)]) == 0
+    assert "/PROG" in program.read_text()
+    with pytest.raises(ValueError):
+        Replayed.load(tmp_path / "copy", "0")
 
 
 def test_every_grasp_pose_has_a_verdict_or_is_a_candidate(shown: Replayed) -> None:
@@ -180,7 +196,7 @@ def test_the_page_loads_plays_and_answers_without_an_error(page: ReplayPage, tmp
         browser.run("[...document.querySelectorAll('button')].find(b => b.innerText.trim() === 'Play').click()")
         begun = time.monotonic()
         while page._frame == before and time.monotonic() - begun < 60:
-            time.sleep(0.2)
+            time.sleep(0.05)
         assert page._frame > before
         picture = cv2.imread(str(browser.picture(tmp_path / "page.png")))
         assert len(np.unique(picture[:, :800].reshape(-1, 3), axis=0)) > 100  # something is drawn

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,11 @@ from pickproof.robots.kinematics.model import RobotModel, load_robot
 from pickproof.robots.plan.pick_plan import check_grasps, plan_pick
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.picking.decision_tree import planning_verdict
-from pickproof.scenarios.reporting.explain import explain, nth_attempt
+from pickproof.scenarios.reporting.explain import explain
 from pickproof.scenarios.reporting.report import verdict_rows
 from pickproof.scenarios.reporting.verdict_counts import verdict_counts
 from pickproof.scenarios.results.records import AttemptRecord
-from pickproof.scenarios.results.store import Store
+from pickproof.scenarios.results.store import FILE, Store
 from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at
 from tests.scenarios.campaign.test_episode import run
 
@@ -157,6 +158,18 @@ def test_a_run_can_be_explained(tmp_path: Path, capsys: pytest.CaptureFixture[st
         assert error.count("\n") == 1 and f"'{bad}'" in error and f"from 0 to {len(done.attempts) - 1}" in error
 
 
-def test_no_attempt_at_all() -> None:
-    with pytest.raises(Exception, match="there is no attempt"):
-        nth_attempt([], 0)
+def test_the_other_attempts_are_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Store.create(tmp_path, {}) as store:
+        for n in range(5):
+            store.add_attempt(record(attempt=n))
+    with sqlite3.connect(tmp_path / FILE) as db:  # whoever decodes another row fails
+        db.execute("UPDATE attempts SET tree = 'no JSON', waypoints = 'no JSON' WHERE attempt != 3")
+    db.close()
+    assert main(["explain", str(tmp_path), "--attempt", "3"]) == 0
+    assert "attempt 3" in capsys.readouterr().out
+    assert main(["explain", str(tmp_path), "--attempt", "2"]) != 0
+
+
+def test_no_attempt_at_all(tmp_path: Path) -> None:
+    with Store.create(tmp_path, {}) as store, pytest.raises(Exception, match="there is no attempt"):
+        store.nth_attempt(0)

@@ -16,7 +16,7 @@ import pytest
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.files.atomic import StoreError
-from pickproof.scenarios.results import store as module
+from pickproof.scenarios.results import connection as module
 from pickproof.scenarios.results.records import AttemptRecord
 from pickproof.scenarios.results.store import FILE, Store
 from tests.scenarios.planted_episode import write_campaign
@@ -140,7 +140,7 @@ class _Refused(sqlite3.OperationalError):
 def refusing(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """SQLite that cannot make its files beside a database, and a system that says the folder is not writable."""
     modes: list[str] = []
-    real, access = module._connect, os.access
+    real, access = module.connect, os.access
 
     def connect(path: Path, mode: str) -> sqlite3.Connection:
         modes.append(mode)
@@ -148,7 +148,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             return sqlite3.connect(":memory:", factory=_Refusing)
         return real(path, mode)
 
-    monkeypatch.setattr(module, "_connect", connect)
+    monkeypatch.setattr(module, "connect", connect)
     monkeypatch.setattr(module.os, "access", lambda p, how: how == os.R_OK and access(p, how))
     return modes
 

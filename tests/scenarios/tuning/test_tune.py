@@ -17,6 +17,7 @@ from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import GraspPoint, first_pose, opening, read_table
 from pickproof.scenarios.campaign.parallel_map import mapping
+from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.config.scenario import SHIPPED, Scenario, load_scenario
 from pickproof.scenarios.files.grasps_text import table_text
@@ -147,9 +148,9 @@ def test_bad_input_is_one_line(words: list[str], names: list[str], capsys: pytes
 def campaigns_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted episodes in this process: that campaigns do not depend on workers is tested in test_campaign.py."""
 
-    def here(scenario: Scenario, *, episodes: int, seed: int, out: Path, **other: object) -> None:
-        (out / FILE).unlink(missing_ok=True)
-        planted_episode.write_campaign(out, scenario, range(seed, seed + episodes))
+    def here(request: CampaignRequest) -> None:
+        (request.out / FILE).unlink(missing_ok=True)
+        planted_episode.write_campaign(request.out, request.scenario, request.seeds)
 
     monkeypatch.setattr(tune_bins, "run_campaign", here)
 

@@ -1,0 +1,74 @@
+"""What grasps are checked against: the heap as the camera measured it, or, with the grasp oracle, as it truly lies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from pickproof.cell.frames import Array, apply
+from pickproof.cell.physics.observation import Snapshot
+from pickproof.cell.sensing.camera import DepthFrame
+from pickproof.grasping.candidates import GraspCandidate
+from pickproof.scenarios.picking.cell_model import CellModel
+from pickproof.scenarios.picking.grasp_oracle import GraspOracle
+from pickproof.scenarios.picking.heap_heightmap import scene_points, true_points
+from pickproof.scenarios.picking.stages import Estimates
+
+KNOWN_SCORE = 0.7
+"""Estimates from this score on count as bodies for the gripper, by points of their surface."""
+KNOWN_SPACING, KNOWN_SAMPLES = 0.006, (800, 12_000)  # [m] between such points, and how many there are of one body
+
+
+class HeapKnowledge(Protocol):
+    """What is known of the heap."""
+
+    def points(self, cell: CellModel, frame: DepthFrame, estimates: Estimates) -> Array:
+        """Points (n, 3) in the world that the gripper keeps off, the bin's own excluded."""
+        ...
+
+    def refuses(self, candidate: GraspCandidate) -> str:
+        """Why a grasp that can be reached would not hold; empty where nothing is known against it."""
+        ...
+
+    def close(self) -> None:
+        """Free what it holds."""
+        ...
+
+
+class MeasuredHeap:
+    """The heap as the camera measured it and perception understood it."""
+
+    def points(self, cell: CellModel, frame: DepthFrame, estimates: Estimates) -> Array:
+        """Measured points, and points on the hidden sides of workpieces.
+
+        A workpiece whose pose is believed is known all round; a finger that leans would else land on what it hides.
+        """
+        known = estimates.Ts_world_part[estimates.scores >= KNOWN_SCORE]
+        samples = int(np.clip(cell.workpiece.mesh.area / KNOWN_SPACING**2, *KNOWN_SAMPLES))
+        surface = cell.workpiece.sample_surface(samples, seed=8)[0]
+        hidden = apply(known, surface).reshape(-1, 3)
+        return np.concatenate([scene_points(cell, frame), hidden])
+
+    def refuses(self, candidate: GraspCandidate) -> str:
+        return ""
+
+    def close(self) -> None:
+        return None
+
+
+class TrueHeap:
+    """The grasp oracle: true poses of all workpieces, and a second physics in which a grasp is tried first."""
+
+    def __init__(self, oracle: GraspOracle, observe: Callable[[], Snapshot]) -> None:
+        self._oracle, self._observe = oracle, observe
+
+    def points(self, cell: CellModel, frame: DepthFrame, estimates: Estimates) -> Array:
+        return true_points(cell, self._observe())
+
+    def refuses(self, candidate: GraspCandidate) -> str:
+        return self._oracle.refuses(candidate, self._observe())
+
+    def close(self) -> None:
+        self._oracle.close()

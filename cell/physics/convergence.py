@@ -1,8 +1,8 @@
 """How many iterations the contact solver needs for a part between the links of a gripper.
 
-Bullet solves contacts one after the other (projected Gauss-Seidel). A light part of mass m between two fingers of mass M
-is pushed by the left one and by the right one; with 1/m + 1/M on the diagonal of that system and -1/m beside it, each
-sweep leaves the share (M / (m + M))^2 of the error, and to leave the share e takes ln(1 / e) / (2 ln(1 + m / M)) sweeps.
+Bullet solves contacts one after the other (projected Gauss-Seidel). A light part of mass m between two fingers of mass
+M is pushed by the left one and by the right one; with 1/m + 1/M on the diagonal of that system and -1/m beside it, each
+sweep leaves the share (M / (m + M))^2 of the error; to leave the share e takes ln(1 / e) / (2 ln(1 + m / M)) sweeps.
 A light finger between a heavy part and the gear that keeps the fingers symmetric is the same system with m and M
 exchanged. What pushes a light part, the motors, starts anew with every grip: LIGHT is the threshold of the solver's
 residual, some 8 M / m sweeps. The weight of a heavy part changes little from step to step, and each step begins with

@@ -19,17 +19,20 @@ from pickproof.cell.child_process import FOLDERS, child_environment
 from pickproof.cell.errors import InputError
 from pickproof.cell.mesh.check import UNITS
 from pickproof.cell.mesh.read import read_checked
+from pickproof.cell.physics.convergence import FEWEST
+from pickproof.cell.physics.step_cost import step_cost
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
+from pickproof.cell.workpiece.piece_errors import PROBE
 from pickproof.cell.workpiece.workpiece import SHIPPED, load_workpiece, search_path
 from pickproof.scenarios.commands.arguments import integer, number, some_path
 from pickproof.scenarios.config.scenario import OF_WORKPIECE, load_scenario
 from pickproof.scenarios.files.atomic import write_json, write_whole
 from pickproof.scenarios.files.grasps_text import table_text
-from pickproof.scenarios.onboarding.page import listed_degrees, page, record, symmetry_lines
+from pickproof.scenarios.onboarding.page import cost_text, listed_degrees, page, record, symmetry_lines
 from pickproof.scenarios.onboarding.part import (
     MATERIALS,
     claimed,
-    find_grasps,
+    find_converged_grasps,
     scenario_fields,
     scenario_text,
     search_symmetry,
@@ -86,14 +89,17 @@ def main(args: argparse.Namespace) -> int:
     say(f"in its own frame {_millimetres(part.mesh)}; weighs {part.mesh.mass:.4g} kg in {args.material}; {ways}")
     say(
         f"collision pieces: {part.pieces.how}; the part sticks out of them by {1000 * part.pieces.outside:.1f} mm "
-        f"at most, they out of it, closed holes included, by {1000 * part.pieces.beyond:.1f} mm"
+        f"at most, they out of it by {1000 * part.pieces.felt:.1f} mm, where a ball of {2000 * PROBE:g} mm comes, "
+        f"closed holes included by {1000 * part.pieces.beyond:.1f} mm; {1000 * part.pieces.bound:.1f} mm are allowed"
     )
     with tempfile.TemporaryDirectory(dir=root, prefix=".onboard-") as draft:
         folder = Path(draft) / args.name
         write_workpiece(part, folder)
         with child_environment({FOLDERS: draft}):
             workpiece = load_workpiece(args.name)
-            held = find_grasps(workpiece, part.heap, say)
+            cost = step_cost(workpiece, FEWEST)
+            say(cost_text(part.pieces, cost))
+            held = find_converged_grasps(workpiece, part.heap, say)
             fields, reasons = scenario_fields(workpiece, held, part.heap)
             if held.gripper is not None:
                 comment = f"Proposed by `pickproof onboard` for {held.gripper.name}; schema: docs/grasping.md."
@@ -105,8 +111,8 @@ def main(args: argparse.Namespace) -> int:
         for what, why in reasons.items():
             say(f"{what}: {why}")
         seconds = time.monotonic() - begun
-        write_whole(folder / PAGE, page(part, workpiece, held, fields, reasons, args.mesh.name, seconds))
-        write_json(folder / RECORD, record(part, workpiece, held, args.mesh.name, args.unit))
+        write_whole(folder / PAGE, page(part, workpiece, held, fields, reasons, args.mesh.name, seconds, cost))
+        write_json(folder / RECORD, record(part, workpiece, held, args.mesh.name, args.unit, cost))
         if target.exists():
             shutil.rmtree(target)
         folder.rename(target)

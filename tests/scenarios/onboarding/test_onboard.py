@@ -207,7 +207,7 @@ def trying(monkeypatch: pytest.MonkeyPatch, holds: int) -> tuple[list[int], list
         monkeypatch.setattr(f"time.{name}", lambda: next(seconds))
     counts: dict[str, int] = {}
 
-    def tried(workpiece, gripper, points):
+    def tried(workpiece, gripper, points, iterations=None):
         before = counts.get(gripper.name, 0)
         counts[gripper.name] = before + len(points)
         return [p for i, p in enumerate(points, before) if holds and i % holds == 0]

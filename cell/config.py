@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -11,6 +12,8 @@ from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.nodes import ScalarNode
+from ruamel.yaml.representer import SafeRepresenter
 
 from pickproof.cell.errors import InputError
 
@@ -88,6 +91,32 @@ def yaml_value(text: str) -> Any:
         raise
     except Exception as error:  # noqa: BLE001  constructors of dates, numbers and keys raise whatever theirs raise
         raise YAMLError(f"{type(error).__name__}: {error}") from None
+
+
+class _Representer(SafeRepresenter):
+    """Numbers as 1.0e-05: readers of YAML 1.1, as other programs are, take 1e-05 for a string."""
+
+    def represent_float(self, data: float) -> ScalarNode:
+        """As ruamel's, with a point."""
+        node: ScalarNode = super().represent_float(data)
+        if "e" in node.value and "." not in node.value:
+            node.value = node.value.replace("e", ".0e")
+        return node
+
+
+_Representer.add_representer(float, _Representer.represent_float)
+
+
+def yaml_text(data: Any) -> str:
+    """Plain data as YAML, fields in their order; a list or mapping without others inside stands on one line."""
+    writer = YAML(typ="safe", pure=True)
+    writer.Representer = _Representer
+    writer.default_flow_style = None
+    writer.width = 120
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
+    stream = io.StringIO()
+    writer.dump(data, stream)
+    return stream.getvalue()
 
 
 def parse_yaml(text: str, path: Path) -> dict[str, Any]:

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -51,9 +53,18 @@ def use_portable_kernels() -> None:
     os.environ.update(kernels)
 
 
-def use_fast_training() -> None:
-    """Let MKL choose: training needs speed, and its result is a file. MKL reads its variable at its first product."""
-    os.environ.pop("MKL_CBWR", None)
+@contextmanager
+def fast_training() -> Iterator[None]:
+    """Let MKL choose: training needs speed, and its result is a file. Processes started later have the profile.
+
+    MKL reads its variable at its first product, so this process keeps what it has by then.
+    """
+    before = os.environ.pop("MKL_CBWR", None)
+    try:
+        yield
+    finally:
+        if before is not None:
+            os.environ["MKL_CBWR"] = before
 
 
 def profile() -> str:

@@ -3,7 +3,7 @@
 pytest examples/test_pick_rate.py
 
 The first run measures the baseline, writes it beside this file and fails; commit the file. From then on a change of the
-program, of the scenario or of the grasp points is compared over the same bins. docs/statistics.md says how.
+program, of the scenario or of the grasp points is compared over the same bins. docs/explanation/statistics.md says how.
 """
 
 from __future__ import annotations

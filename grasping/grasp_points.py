@@ -27,9 +27,9 @@ SAME = 1e-6  # [m, and of rotation matrices] under which two poses are the same 
 class Turn(Config):
     """A range of angles in [deg], sampled in steps."""
 
-    from_deg: float = Field(0.0, ge=-180, le=180)
-    to_deg: float = Field(0.0, ge=-180, le=180)
-    step_deg: float = Field(15.0, gt=0, le=180)
+    from_deg: float = Field(0.0, ge=-180, le=180, description="smallest angle")
+    to_deg: float = Field(0.0, ge=-180, le=180, description="largest angle")
+    step_deg: float = Field(15.0, gt=0, le=180, description="between the angles that are tried")
 
     @model_validator(mode="after")
     def _ordered(self) -> Turn:
@@ -46,7 +46,7 @@ class Turn(Config):
 class Slide(Config):
     """Freedom to grip elsewhere along a direction of the CAD."""
 
-    along: Triple
+    along: Triple = Field(description="direction in the CAD frame")
     offsets: tuple[Offset, ...] = Field(min_length=1, description="[m], most wanted first")
 
     @model_validator(mode="after")
@@ -63,11 +63,11 @@ class GraspPoint(Config):
     (TCP) go `depth` past the centre along the approach, the first depth for which there is room.
     """
 
-    name: str = Field(min_length=1)
+    name: str = Field(min_length=1, description="unique in the file; records and reports show it")
     gripper: str | None = Field(None, min_length=1, description="that it is made for; that of the table when left out")
-    centre: OffsetPoint
-    approach: Triple
-    closing: Triple
+    centre: OffsetPoint = Field(description="[m] point between the pads")
+    approach: Triple = Field(description="direction in which the tool comes: tool z")
+    closing: Triple = Field(description="direction in which the jaws close, tool x; at right angles to `approach`")
     width: Small = Field(description="[m] of the workpiece between the pads")
     opening: Small | None = Field(None, description="[m] of the jaws on the way in; width + 5 mm when left out")
     stroke: Small | None = Field(None, description="[m] the jaws close by, in place of `opening`")
@@ -76,12 +76,12 @@ class GraspPoint(Config):
     )
     approach_distance: Small = Field(0.06, description="[m] straight line before the grasp")
     retract_distance: Small = Field(0.10, description="[m] straight line up after it")
-    priority: float = Field(1.0, ge=0, le=1)
+    priority: float = Field(1.0, ge=0, le=1, description="a term of the rank")
     tolerance: Fine = Field(0.003, gt=0, description="[m] error of the pose under which the grasp still holds")
     robustness: float = Field(
         1.0, ge=0, le=1, description="share of disturbed poses at which it held, a term of the rank"
     )
-    enabled: bool = True
+    enabled: bool = Field(True, description="false keeps the entry and makes no poses of it")
     symmetry: bool = Field(
         True, description="the same grasp again on every side that the workpiece's symmetry makes equal"
     )
@@ -93,8 +93,8 @@ class GraspPoint(Config):
     tool_rotation: Turn = Field(Turn(), description="freedom of the tool about the closing direction")
     approach_rotation: Turn = Field(Turn(), description="freedom of the tool about its approach, beside `flip`")
     part_rotation: Turn = Field(Turn(), description="freedom of the part about part_axis, for round parts")
-    part_axis: Triple = (0.0, 0.0, 1.0)
-    slide: Slide | None = None
+    part_axis: Triple = Field((0.0, 0.0, 1.0), description="axis of `part_rotation` through the CAD origin")
+    slide: Slide | None = Field(None, description="places along a direction where the grasp is as good")
 
     @model_validator(mode="after")
     def _right_angle(self) -> GraspPoint:
@@ -114,8 +114,8 @@ class GraspPoint(Config):
 class GraspTable(Config):
     """Schema of grasps.yaml."""
 
-    gripper: str = Field(min_length=1)
-    grasps: list[GraspPoint] = Field(min_length=1)
+    gripper: str = Field(min_length=1, description="that the table is for; the same as that of the scenario")
+    grasps: list[GraspPoint] = Field(min_length=1, description="the grasp points")
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from pickproof.cell.config import Config, OffsetPoint, parse, read_yaml
+from pickproof.cell.config import Config, OffsetPoint, parse, read_yaml, yaml_text
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array, from_quat_xyzw, invert, to_quat_xyzw
 from pickproof.grasping.grasp_points import GraspPoint, GraspPoses
@@ -116,7 +115,7 @@ def isaac_grasps_text(poses: GraspPoses, workpiece: str, gripper: str, T_gripper
         "gripper_frame_link": gripper,
         "grasps": grasps,
     }
-    return str(yaml.safe_dump(head, sort_keys=False, default_flow_style=None, width=120))
+    return yaml_text(head)
 
 
 def _point(name: str, T_part_tool: Array, width: float, wide: float, confidence: float) -> GraspPoint:

@@ -23,7 +23,7 @@ class GraspingConfig(Config):
     weight_height: float = Field(default=1.0, ge=0, description="of the workpiece's height in the heap")
     weight_upright: float = Field(default=0.5, ge=0, description="of the approach that the grasp point prefers")
     weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
-    weight_robustness: float = Field(default=0.5, ge=0, description="of a grasp that bears an error of the pose")
+    weight_robustness: float = Field(default=0.5, ge=0, description="of a grasp that tolerates an error of the pose")
     weight_clearance: float = Field(default=0.75, ge=0, description="of room between the gripper and what lies beside")
     weight_uncovered: float = Field(default=2.0, ge=0, description="of a workpiece on which nothing lies")
     weight_alone: float = Field(default=1.0, ge=0, description="of nothing else between the fingers")
@@ -41,7 +41,7 @@ class GraspingConfig(Config):
 
 
 def robustness(poses: GraspPoses, error: float) -> Array:
-    """Term (n,): how well each pose bears an error of the estimate, expected to be `error` [m].
+    """Term (n,): how well each pose tolerates an error of the estimate, expected to be `error` [m].
 
     The share of disturbances at which the grasp point held, less where the tips reach less deep or off its centre, and
     less the more of its tolerance the estimate uses up.

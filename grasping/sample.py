@@ -58,7 +58,7 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
     """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
 
     One function proposes for each kind of gripper: `jaw_proposals` and then `freeform_proposals`, which finds what
-    teeth and curved faces offer, or `pad_proposals` for cups and magnets.
+    teeth and curved faces allow, or `pad_proposals` for cups and magnets.
 
     Raises:
         InputError: another kind of gripper.

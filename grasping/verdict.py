@@ -27,7 +27,7 @@ class Verdict(StrEnum):
     TORQUE = "torque"
     HELD_BIN = "held_bin"
     PATH_BLOCKED = "path_blocked"
-    REHEARSAL = "rehearsal"
+    TRIAL = "rehearsal"  # of the grasp oracle; the value stays, stored records hold it
     OUTRANKED = "outranked"
 
 
@@ -49,6 +49,6 @@ MEANING = {
     Verdict.TORQUE: "a motor would be too weak for the load",
     Verdict.HELD_BIN: "the held workpiece would touch the bin on the way out",
     Verdict.PATH_BLOCKED: "no motion without collision was found",
-    Verdict.REHEARSAL: "it did not hold when the grasp oracle tried it in the physics",
+    Verdict.TRIAL: "it did not hold when the grasp oracle tried it in the physics",
     Verdict.OUTRANKED: "better ones were enough",
 }

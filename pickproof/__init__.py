@@ -18,20 +18,25 @@ from typing import TYPE_CHECKING
 
 from pickproof.cell.lazy_exports import lazy_exports
 from pickproof.cell.numerics import use_portable_kernels
+from pickproof.cell.workpiece.folders import register_folder
+from pickproof.scenarios.config.shipped import WORKPIECES
 
 if TYPE_CHECKING:
     from pickproof.cell.errors import InputError, PickproofError
     from pickproof.scenarios.campaign.campaign import run_campaign
     from pickproof.scenarios.campaign.library import Campaign
+    from pickproof.scenarios.campaign.request import CampaignRequest
     from pickproof.scenarios.comparison.compare import Comparison, compare
     from pickproof.scenarios.config.scenario import Scenario, load_scenario
     from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord, Reason
 
 use_portable_kernels()  # before any module of the project loads numpy
+register_folder(WORKPIECES)  # so that load_workpiece("bracket") finds what is shipped
 
 __all__ = [
     "AttemptRecord",
     "Campaign",
+    "CampaignRequest",
     "Comparison",
     "EpisodeRecord",
     "InputError",
@@ -46,6 +51,7 @@ __all__ = [
 _MODULES = {
     "AttemptRecord": "scenarios.results.records",
     "Campaign": "scenarios.campaign.library",
+    "CampaignRequest": "scenarios.campaign.request",
     "Comparison": "scenarios.comparison.compare",
     "EpisodeRecord": "scenarios.results.records",
     "InputError": "cell.errors",

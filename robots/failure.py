@@ -63,6 +63,7 @@ class PlanFailure:
 
     @property
     def cause(self) -> Cause:
+        """What stood against the motion."""
         return self.refusal.cause
 
     @property
@@ -72,6 +73,7 @@ class PlanFailure:
 
     @property
     def detail(self) -> str:
+        """One line for a reader: where, and what stood against it."""
         return f"{self.where}: {self.refusal}"
 
     def __str__(self) -> str:

@@ -1,5 +1,4 @@
-"""The graph of imports, lazy ones and those for type checking included: no circles, and no import by a folder's
-name."""
+"""The imports of the tree: no circles, lazy ones and those for type checking included."""
 
 from __future__ import annotations
 

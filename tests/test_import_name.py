@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,6 +10,8 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("cell", "perception", "grasping", "robots", "scenarios")
@@ -96,6 +99,15 @@ def test_the_command_runs_beside_them(installed: Path, project: Path) -> None:
     assert "bracket" in done.stdout
     script = run([str(installed / "bin" / "pickproof"), "--version"], installed, project)
     assert "pickproof " in script.stdout + script.stderr
+
+
+def test_a_campaign_runs_beside_them(installed: Path, project: Path) -> None:
+    """From the installed files alone, worker processes included."""
+    words = ["run", "bracket", "--episodes", "1", "--set", "count=1", "--set", "stop.attempt_limit=1", "--no-pictures"]
+    words += ["--oracle", "perception", "--oracle", "motion", "--out", "out"]
+    done = run(["-m", "pickproof", *words], installed, project)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((project / "out" / "summary.json").read_text())["attempts"] == 1
 
 
 def test_the_import_is_light_and_knows_its_public_names(installed: Path, project: Path) -> None:

@@ -25,17 +25,17 @@ Positive = Annotated[float, Field(gt=0)]
 class BodyBox(Config):
     """A box that does not move with the fingers: full edge lengths and centre in the flange frame [m]."""
 
-    name: str
-    size: Size
-    centre: OffsetPoint
+    name: str = Field(description="any, not beginning with `finger`")
+    size: Size = Field(description="[m] full edge lengths")
+    centre: OffsetPoint = Field(description="[m] in the flange frame")
 
 
 class ToolConfig(Config):
     """What stands in the YAML file of every gripper."""
 
-    name: str
+    name: str = Field(description="records and grasp tables refer to it")
     flange_to_tcp: Length = Field(description="[m]")
-    body: list[BodyBox] = Field(min_length=1)
+    body: list[BodyBox] = Field(min_length=1, description="boxes that collide and do not move with the fingers")
     body_mass: float = Field(gt=0, description="[kg]")
 
 

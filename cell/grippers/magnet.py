@@ -25,7 +25,7 @@ FACE_RAYS = 120
 class MagnetConfig(PadsConfig):
     """Schema of a magnet's YAML file."""
 
-    kind: Literal["magnet"]
+    kind: Literal["magnet"] = Field(description="magnets")
     force: Positive = Field(description="[N] of each face on thick, flat, bare steel")
     gap_scale: Fine = Field(gt=0, description="[m] gap at which a quarter of the force is left")
     cover: Fine = Field(0.0, description="[m] of something that is not magnetic on the face")

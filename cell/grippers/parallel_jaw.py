@@ -24,9 +24,9 @@ class Groove(Config):
     `half_angle_deg` is that between either flank and the closing direction.
     """
 
-    above_tip: Small
-    height: Small
-    half_angle_deg: float = Field(60.0, ge=20, le=85)
+    above_tip: Small = Field(description="[m] height of its middle over the tip end")
+    height: Small = Field(description="[m] width at the face, along z")
+    half_angle_deg: float = Field(60.0, ge=20, le=85, description="between either flank and the closing direction")
 
     @property
     def depth(self) -> float:
@@ -44,11 +44,11 @@ class PadConfig(Config):
 class JawConfig(ToolConfig):
     """Schema of a parallel jaw's YAML file."""
 
-    kind: Literal["parallel_jaw"] = "parallel_jaw"
+    kind: Literal["parallel_jaw"] = Field("parallel_jaw", description="a jaw with two fingers")
     max_opening: Small = Field(description="[m] between the pads")
     finger_size: tuple[Small, Small, Small] = Field(description="[m] thickness along x, width along y, length along z")
-    groove: Groove | None = None
-    pad: PadConfig | None = None
+    groove: Groove | None = Field(None, description="V along y in each face, for round parts across the jaws")
+    pad: PadConfig | None = Field(None, description="faces that give way; hard ones when left out")
     finger_mass: float = Field(gt=0, description="[kg] of each")
     force: float = Field(gt=0, le=1000, description="[N] of each pad")
     speed: float = Field(gt=0, le=2, description="[m/s] of each finger")
@@ -101,6 +101,7 @@ class ParallelJaw(Gripper):
 
     @property
     def max_opening(self) -> float:
+        """[m] between the fingers when the gripper is fully open."""
         return self.opens_to
 
     def finger_boxes(self, opening: float) -> list[Box]:

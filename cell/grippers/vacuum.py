@@ -28,7 +28,7 @@ Seal = Literal["", "no_contact", "edge", "uneven", "tilted", "leaking"]
 class VacuumConfig(PadsConfig):
     """Schema of a vacuum gripper's YAML file."""
 
-    kind: Literal["vacuum"]
+    kind: Literal["vacuum"] = Field(description="cups")
     effective_diameter: Small = Field(description="[m] of the area under vacuum")
     pressure: float = Field(gt=0, le=101_325, description="[Pa] below that of the air")
     flatness: Fine = Field(0.001, gt=0, description="[m] peak to peak that the lip evens out along the rim")

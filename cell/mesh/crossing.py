@@ -26,9 +26,11 @@ class Crossing:
 
     @property
     def crosses(self) -> bool:
+        """More rays saw it than miss hits near edges."""
         return max(self.doubled, self.inverted) > CROSSED
 
     def error(self) -> MeshError:
+        """The refusal."""
         share = 100 * max(self.doubled, self.inverted)
         return MeshError(f"a surface that passes through itself {self.where} (seen by {share:.0f} % of rays)", VALID)
 

@@ -19,7 +19,7 @@ from pickproof.cell.physics.breakable_joint import Connection
 from pickproof.cell.physics.world import World, engine_friction
 
 GEAR_FORCE = 1e4  # [N] that keeps the fingers symmetric
-LOCK_FORCE = 2e3  # [N] that the slide of cups or magnets bears while they hold: evacuated bellows are solid
+LOCK_FORCE = 2e3  # [N] that the slide of cups or magnets withstands while they hold: evacuated bellows are solid
 
 
 class Arm:
@@ -57,15 +57,19 @@ class Arm:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "arm.urdf"
             path.write_text(merged_urdf(urdf, gripper, flange), encoding="utf-8")
-            self.body = int(
-                client.loadURDF(
-                    str(path),
-                    base[:3, 3].tolist(),
-                    to_quat_xyzw(base).tolist(),
-                    useFixedBase=True,
-                    flags=flags,
-                )
-            )
+            where = base[:3, 3].tolist(), to_quat_xyzw(base).tolist()
+            self.body = int(client.loadURDF(str(path), *where, useFixedBase=True, flags=flags))
+        self._find_joints(urdf, flange)
+        self._set_finger_contact()
+        if isinstance(gripper, ParallelJaw):
+            self._gear()
+        else:
+            world.after_step.append(self._after_step)
+        self.reset(np.zeros(len(self._joints)))
+
+    def _find_joints(self, urdf: Path, flange: str) -> None:
+        """Indices and torques of the joints by name; their friction and damping are switched off."""
+        client, gripper = self.world.client, self.gripper
         joints, links, efforts = {}, {}, {}
         for j in range(client.getNumJoints(self.body)):
             info = client.getJointInfo(self.body, j)
@@ -83,7 +87,11 @@ class Arm:
         self._fingers = [joints[f"{link.name}_joint"] for link in gripper.links()]
         self._flange = links[flange]
         self.link_names = {-1: "base", **{index: name for name, index in links.items()}}
-        for finger, link in zip(self._fingers, gripper.links(), strict=True):
+
+    def _set_finger_contact(self) -> None:
+        """Friction of the fingers, and stiffness and damping of soft pads."""
+        client = self.world.client
+        for finger, link in zip(self._fingers, self.gripper.links(), strict=True):
             client.changeDynamics(
                 self.body,
                 finger,
@@ -97,11 +105,6 @@ class Arm:
                 client.changeDynamics(
                     self.body, finger, contactStiffness=link.pad.stiffness, contactDamping=link.pad.damping
                 )
-        if isinstance(gripper, ParallelJaw):
-            self._gear()
-        else:
-            world.after_step.append(self._after_step)
-        self.reset(np.zeros(len(self._joints)))
 
     @property
     def finger_links(self) -> tuple[int, ...]:

@@ -48,7 +48,7 @@ def floating_home(place: Bin, gripper: Gripper) -> Array:
 
 
 def floating_line(q0: Array, q1: Array, acceleration: float, dt: float) -> Array:
-    """Straight from rest at q0 to rest at q1 (6,) with a quintic time law; (n, 6), the start left out.
+    """Straight from rest at q0 to rest at q1 (6,) with a quintic motion profile; (n, 6), the start left out.
 
     Args:
         acceleration: largest of the flange in [m/s2]; TURNING is that of the turns.

@@ -34,7 +34,7 @@ class Snapshot:
     on_rim: tuple[int, ...] = ()
 
     def parts_in(self, bin: str) -> tuple[int, ...]:
-        """Workpieces in a bin; '' for those in none, which are held, in flight, or fell out."""
+        """Workpieces in a bin; '' for those in none, which are held, falling, or fell out."""
         return tuple(i for i, name in enumerate(self.bins) if name == bin)
 
     def left(self, before: Snapshot, bin: str) -> tuple[int, ...]:

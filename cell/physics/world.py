@@ -1,6 +1,7 @@
 """The physics: one headless PyBullet client, the static boxes of the cell and the workpieces in it.
 
-Settings are those under which a part held by friction alone does not creep (docs/cell.md): 1/480 s, friction anchors
+Settings are those under which a part held by friction alone does not creep
+(docs/explanation/physics.md): 1/480 s, friction anchors
 on parts and fingers, frictionERP 0.8, deterministic overlapping pairs. Workpieces and boxes are rigid bodies in maximal
 coordinates: as multibodies without joints they cost several times as much. The world is always rebuilt from nothing:
 saveState/restoreState is not exact for compound shapes, and a bad body id is ignored in silence, so neither is used.
@@ -81,6 +82,7 @@ class World:
 
     @property
     def time(self) -> float:
+        """[s] of simulated time since the world was made."""
         return self.steps * self.dt
 
     def close(self) -> None:
@@ -244,7 +246,8 @@ class World:
         """Take the friction anchors from workpieces that are let go: on a floor they would rock for ever.
 
         Anchors pull a contact point back to where it was found. In a hand, whose fingers have their own, and in a pile
-        that keeps all from creeping; a workpiece set down askew they drive from edge to edge (docs/cell.md).
+        that keeps all from creeping; a workpiece set down askew they drive from edge to edge
+        (docs/explanation/physics.md).
         """
         for i in parts:
             self.client.changeDynamics(self.parts[i], -1, frictionAnchor=0)

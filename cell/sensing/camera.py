@@ -162,6 +162,21 @@ class Render:
     reflected: Array | None = None
 
 
+@dataclass(frozen=True)
+class RenderOptions:
+    """What is rendered beside the depth.
+
+    Attributes:
+        projector_offset: the projector's position in camera coordinates [m]; None for no shadow.
+        reflections: follow the rays that workpieces mirror (one more cast), see `Render.reflected`.
+        threads: of the ray caster.
+    """
+
+    projector_offset: tuple[float, float, float] | None = None
+    reflections: bool = False
+    threads: int = 1
+
+
 def render(
     part_vertices: Array,
     part_faces: np.ndarray,
@@ -169,9 +184,7 @@ def render(
     boxes: Sequence[Box],
     intrinsics: Intrinsics,
     T_world_camera: Array,
-    projector_offset: tuple[float, float, float] | None = None,
-    threads: int = 1,
-    reflections: bool = False,
+    options: RenderOptions | None = None,
 ) -> Render:
     """Cast one ray a pixel against the exact meshes.
 
@@ -179,13 +192,14 @@ def render(
         part_vertices, part_faces: the CAD mesh (n, 3) [m] and (m, 3).
         Ts_world_part: (k, 4, 4) poses of the workpieces.
         boxes: static surroundings.
-        projector_offset: the projector's position in camera coordinates [m]; None for no shadow.
-        reflections: follow the rays that workpieces mirror (one more cast), see `Render.reflected`.
+        intrinsics, T_world_camera: of the camera.
+        options: shadow of the projector and reflections; None for neither.
     """
     from pickproof.cell.geometry.ray_hits import facing  # numba takes a second to import
 
     vertices, faces = _scene(part_vertices, part_faces, np.asarray(Ts_world_part), boxes)
-    caster = make_caster(vertices, faces, threads)
+    options = options or RenderOptions()
+    caster = make_caster(vertices, faces, options.threads)
     shape = (intrinsics.height, intrinsics.width)
     R, eye = T_world_camera[:3, :3], T_world_camera[:3, 3]
     directions = np.ascontiguousarray(intrinsics.rays().reshape(-1, 3) @ R.T)
@@ -197,11 +211,13 @@ def render(
     normals, cos_view = facing(vertices, faces, hits.face, directions)
     points = eye + directions * depth[:, None]
     lit = ~missed
-    if projector_offset is not None:
+    if options.projector_offset is not None:
         # from the light towards the surface: free until just before the point
-        source = R @ np.asarray(projector_offset) + eye
+        source = R @ np.asarray(options.projector_offset) + eye
         lit &= caster.cast(source, points - source).t > 1.0 - 1e-3
-    reflected = _reflect(caster, points, directions, normals, ids >= 0).reshape(shape) if reflections else None
+    reflected = None
+    if options.reflections:
+        reflected = _reflect(caster, points, directions, normals, ids >= 0).reshape(shape)
     return Render(
         depth.reshape(shape),
         ids.astype(np.int32).reshape(shape),

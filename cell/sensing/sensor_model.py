@@ -1,8 +1,8 @@
 """The sensor model: what turns an exact render into the depth image that a camera of some class would measure.
 
 Both classes triangulate, between a projector and the camera or between two cameras, so both have noise that grows with
-depth squared, a shadow beside every step, and holes where too little or too much light comes back. docs/sensor.md says
-where the numbers are from.
+depth squared, a shadow beside every step, and holes where too little or too much light comes back.
+docs/explanation/sensor.md says where the numbers are from.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class SensorConfig(Config):
     defaults below are those of `structured_light`.
     """
 
-    enabled: bool = True
+    enabled: bool = Field(True, description="false gives the exact render")
     preset: str = Field("structured_light", description="camera class")
     axial_sigma: Sigma = Field(1.2e-4, description="[m] standard deviation at 1 m, grows with z^2")
     axial_floor: Sigma = Field(3e-5, description="[m] part that does not depend on depth")
@@ -89,6 +89,7 @@ class SensorConfig(Config):
 
     @property
     def projector_offset(self) -> tuple[float, float, float] | None:
+        """Position of the projector in camera coordinates [m]; None where it casts no shadow."""
         return (self.baseline, 0.0, 0.0) if self.enabled and self.baseline > 0 else None
 
     def sigma_at(self, depth: Any) -> Any:

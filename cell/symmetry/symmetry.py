@@ -50,6 +50,7 @@ class Symmetry:
 
     @property
     def is_sphere(self) -> bool:
+        """Whether every rotation maps the workpiece onto itself."""
         return not self.v.any()
 
     @property

@@ -43,25 +43,27 @@ Positive = Annotated[float, Field(gt=0)]
 class CollisionBox(Config):
     """A solid box in the CAD frame: full edge lengths [m], centre [m], fixed-axis roll, pitch, yaw [rad]."""
 
-    size: Size
-    centre: OffsetPoint
-    rpy: Angles = (0.0, 0.0, 0.0)
+    size: Size = Field(description="[m] full edge lengths")
+    centre: OffsetPoint = Field(description="[m] in the CAD frame")
+    rpy: Angles = Field((0.0, 0.0, 0.0), description="[rad] fixed-axis roll, pitch, yaw")
 
     @property
     def T_part_box(self) -> Array:
+        """Pose (4, 4) of the box in the CAD frame."""
         return from_rpy(self.centre, self.rpy)
 
 
 class CollisionCylinder(Config):
     """A solid cylinder about its own z axis: radius and length [m]; centre [m] and rpy [rad] in the CAD frame."""
 
-    radius: Small
-    length: Length
-    centre: OffsetPoint
-    rpy: Angles = (0.0, 0.0, 0.0)
+    radius: Small = Field(description="[m]")
+    length: Length = Field(description="[m] along its z axis")
+    centre: OffsetPoint = Field(description="[m] in the CAD frame")
+    rpy: Angles = Field((0.0, 0.0, 0.0), description="[rad] fixed-axis roll, pitch, yaw")
 
     @property
     def T_part_cylinder(self) -> Array:
+        """Pose (4, 4) of the cylinder in the CAD frame; its axis is z."""
         return from_rpy(self.centre, self.rpy)
 
 

@@ -16,7 +16,7 @@ MATERIALS = {
     "machined_steel": (0.15, 0.4, 0.25),
     "polished_steel": (0.03, 0.6, 0.08),
 }
-"""Albedo, specular reflectance and roughness (docs/sensor.md says what is known of them and what is assumed)."""
+"""Albedo, specular reflectance and roughness (docs/reference/workpiece-file.md says what is assumed)."""
 
 
 class Optics(Config):

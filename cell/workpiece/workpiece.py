@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,6 @@ import numpy as np
 import trimesh
 from pydantic import Field
 
-from pickproof.cell.child_process import FOLDERS
 from pickproof.cell.config import Config, Fine, Length, Size, load
 from pickproof.cell.errors import InputError, did_you_mean
 from pickproof.cell.frames import Array
@@ -34,9 +32,9 @@ from pickproof.cell.workpiece.collision_pieces import (
     covering_boxes,
     read_hulls,
 )
+from pickproof.cell.workpiece.folders import list_workpieces, search_path, workpiece_folder
 from pickproof.cell.workpiece.optics import Optics
 
-SHIPPED = Path(__file__).resolve().parents[2] / "scenarios" / "workpieces"
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 SIZES = (1e-3, 5.0)
 """[m] longest side of a part."""
@@ -48,8 +46,10 @@ UNIT_GIRTHS = 1.4
 class SymmetryConfig(Config):
     """d_x, d_y, d_z of the paper in [deg], 0 for none; `infinite_below` is T_s."""
 
-    degrees: Triple = (0.0, 0.0, 0.0)
-    infinite_below: float = Field(15.0, gt=0)
+    degrees: Triple = Field(
+        (0.0, 0.0, 0.0), description="[deg] smallest turns about x, y, z that change nothing, 0 for none"
+    )
+    infinite_below: float = Field(15.0, gt=0, description="[deg] T_s of the paper: a finer turn counts as any turn")
 
 
 class HeapConfig(Config):
@@ -63,21 +63,23 @@ class HeapConfig(Config):
 class WorkpieceConfig(Config):
     """Schema of workpiece.yaml."""
 
-    name: str
-    paper_row: str = ""
-    mesh: str
-    mesh_unit: Literal["m", "cm", "mm"]
-    material: str
+    name: str = Field(description="that of the folder")
+    paper_row: str = Field("", description="row of the paper with this envelope and symmetry")
+    mesh: str = Field(description="STL, OBJ, PLY or GLB file beside this one")
+    mesh_unit: Literal["m", "cm", "mm"] = Field(description="of the lengths in the mesh")
+    material: str = Field(description="for the reader")
     density: float = Field(gt=10, lt=30000, description="[kg/m3]")
-    friction: float = Field(gt=0, le=2)
+    friction: float = Field(
+        gt=0, le=2, description="coefficient of the surface; a contact has the geometric mean of two"
+    )
     rolling_friction: Fine = Field(0.0, description="[m] lever of what resists rolling, as of teeth")
     magnetic: bool = Field(False, description="a magnet holds it, as steel and cast iron")
-    optics: Optics = Optics()
-    symmetry: SymmetryConfig = SymmetryConfig()
-    collision_boxes: tuple[CollisionBox, ...] = ()
-    collision_cylinders: tuple[CollisionCylinder, ...] = ()
+    optics: Optics = Field(Optics(), description="how the surface returns light")
+    symmetry: SymmetryConfig = Field(SymmetryConfig(), description="rotations that change nothing")
+    collision_boxes: tuple[CollisionBox, ...] = Field((), description="solid boxes of the physics")
+    collision_cylinders: tuple[CollisionCylinder, ...] = Field((), description="solid cylinders of the physics")
     collision_hulls: str | None = Field(None, description="OBJ file in mesh_unit; its objects are convex pieces")
-    heap: HeapConfig
+    heap: HeapConfig = Field(description="heaps of training and evaluation")
     tolerance: Fine = Field(0.005, gt=0, description="T_e of the paper in [m]")
 
 
@@ -148,6 +150,7 @@ class Workpiece:
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
+        """The CAD mesh in the CAD frame [m]."""
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
     @cached_property
@@ -159,23 +162,6 @@ class Workpiece:
         """Points and outward normals, each (n, 3), uniform over the surface."""
         points, face = trimesh.sample.sample_surface(self.mesh, n, seed=seed)
         return np.asarray(points), np.asarray(self.mesh.face_normals[face])
-
-
-def search_path() -> list[Path]:
-    """Folders that hold workpiece folders: those in PICKPROOF_WORKPIECES, then the shipped ones."""
-    extra = [Path(p) for p in os.environ.get(FOLDERS, "").split(os.pathsep) if p]
-    return [*extra, SHIPPED]
-
-
-def workpiece_folder(name: str) -> Path | None:
-    """The first folder of a workpiece of this name on the search path; None where there is none."""
-    return next((root / name for root in search_path() if (root / name / "workpiece.yaml").is_file()), None)
-
-
-def list_workpieces() -> list[str]:
-    """Names of all workpieces on the search path."""
-    found = {p.parent.name for folder in search_path() for p in folder.glob("*/workpiece.yaml")}
-    return sorted(found)
 
 
 def load_workpiece(name: str) -> Workpiece:
@@ -294,3 +280,15 @@ def _read_mesh(yaml_path: Path, path: Path) -> trimesh.Trimesh:
         except MeshError as error:
             raise InputError(yaml_path, "mesh", f"{path.name}: {error.found}", error.valid) from None
     return mesh
+
+
+__all__ = [
+    "HeapConfig",
+    "SymmetryConfig",
+    "Workpiece",
+    "WorkpieceConfig",
+    "list_workpieces",
+    "load_workpiece",
+    "search_path",
+    "workpiece_folder",
+]

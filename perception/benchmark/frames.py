@@ -156,7 +156,9 @@ def stages_of(setup: Setup, indices: list[int], heaps: list[Array]) -> dict[str,
 
 @torch.no_grad()
 def _forward(perception: Perception, seen: list[HeapFrame], rng: np.random.Generator) -> dict[str, float] | None:
-    workpiece = perception.workpiece
+    workpiece, network = perception.workpiece, perception.network
+    if network is None:
+        return None
     sampled = []
     for s in seen:
         cloud = scene_cloud(s.frame, roi_mask(s.frame, heap_bin(workpiece)), workpiece.unit)
@@ -170,7 +172,7 @@ def _forward(perception: Perception, seen: list[HeapFrame], rng: np.random.Gener
     times = []
     for _ in range(FORWARD_REPEATS + 1):  # the first does not count
         clock = time.perf_counter()
-        perception.network(packed)
+        network(packed)
         times.append(time.perf_counter() - clock)
     return {
         "input_points": len(packed.points),

@@ -22,6 +22,7 @@ from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.perception.benchmark.ppf import Ppf
 from pickproof.perception.estimate import Perception
+from pickproof.perception.method import Method as FoundBy
 from pickproof.perception.pose_estimate import PoseEstimate
 from pickproof.perception.ps6d.cloud import roi_mask, scene_cloud
 from pickproof.perception.ps6d.ppr_net import ppr_net, ppr_net_pp
@@ -30,8 +31,8 @@ from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.weights import load_weights, variant_path, weights_path
 from pickproof.perception.refinement.refine import RefineConfig
 
-METHODS = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_refined")
-"""Rows of Table I, in its order."""
+METHODS = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_fitted", "ps6d_refined", "search", "both")
+"""Rows of Table I, in its order, then the search without training and its union with PS6D."""
 
 ABLATIONS = ("ps6d", "pointnet2_msg", "no_normalisation", "single_stage", "no_local_frames", "no_cad_head")
 """Rows of Table II: `single_stage` has the shipped weights, the others weights trained at one budget; each also
@@ -40,7 +41,7 @@ refined."""
 ABLATION_WORKPIECES = ("ps6d_23", "ps6d_24", "candlestick")
 """Slender, of several symmetries, and a body of revolution (PS6D, sec. IV-E)."""
 
-Kind = Literal["ppf", "ppr_net", "ppr_net_pp", "ps6d"]
+Kind = Literal["ppf", "ppr_net", "ppr_net_pp", "ps6d", "search", "both"]
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ class Method:
 
     Attributes:
         table: I or II of the paper.
-        rows: names of its rows, two for PS6D: clustering alone, and refined.
-        weights: of the network; None for PPF.
+        rows: names of its rows; of PS6D the paper's voting, in Table I poses by all votes, and refined.
+        weights: of the network; None for PPF and the search.
         variant: what the network must be; None for whatever is shipped.
         frames: how many it sees.
         two_stage: clustering of PS6D.
@@ -116,8 +117,12 @@ class Method:
         if self.kind == "ppf":
             cv2.setNumThreads(1)
             return partial(_ppf, Ppf.train(workpiece))
-        config = RefineConfig.model_validate({"cluster": {"two_stage": self.two_stage}})
-        perception = Perception.load(workpiece, self.weights, config, self.calibrated)
+        if self.kind in ("search", "both"):
+            method: FoundBy = "search" if self.kind == "search" else "both"
+            return partial(_searched, Perception.load(workpiece, self.weights, method=method))
+        fit: dict[str, float] | None = {} if self.table == "methods" and self.kind == "ps6d" else None
+        config = RefineConfig.model_validate({"cluster": {"two_stage": self.two_stage}, "fit": fit})
+        perception = Perception.load(workpiece, self.weights, config, self.calibrated, "ps6d")
         if self.kind == "ps6d":
             return partial(_ps6d, perception)
         return partial(_ppr_net, perception, _published if self.kind == "ppr_net" else _confident)
@@ -143,7 +148,9 @@ def methods_of(
         Method("methods", "ppf", ("ppf",), None, None, ppf_frames),
         Method("methods", "ppr_net", ("ppr_net",), trained(peer), peer, frames),
         Method("methods", "ppr_net_pp", ("ppr_net_pp",), trained(peer), peer, frames),
-        Method("methods", "ps6d", ("ps6d", "ps6d_refined"), own, None, frames),
+        Method("methods", "ps6d", ("ps6d", "ps6d_fitted", "ps6d_refined"), own, None, frames),
+        Method("methods", "search", ("search",), None, None, frames),
+        Method("methods", "both", ("both",), own, None, frames),
     ]
     for name in ABLATIONS if workpiece.name in ABLATION_WORKPIECES else ():
         rows = name, f"{name}_refined"
@@ -167,11 +174,19 @@ def _ps6d(
     result = perception.perceive(frame, bin, rng)
     total = time.process_time() - clock
     stages = result.seconds
-    until_raw = sum(stages.get(stage, 0.0) for stage in ("network", "cluster")) / max(sum(stages.values()), 1e-9)
-    return (
-        Found.of(result.raw, [p.score for p in result.raw], until_raw * total),
-        Found.of(result.estimates, [p.score for p in result.estimates], total),
-    )
+    until_raw = sum(stages.get(stage, 0.0) for stage in ("network", "cluster"))
+    fit = stages.get("fit", 0.0)
+    whole = max(sum(stages.values()), 1e-9)
+    rows = [(result.raw, until_raw), (result.fitted, until_raw + fit), (result.estimates, whole - fit)]
+    return tuple(Found.of(p, [e.score for e in p], total * part / whole) for p, part in rows if p is not None)
+
+
+def _searched(
+    perception: Perception, frame: DepthFrame, bin: Bin, true_count: int, rng: np.random.Generator
+) -> tuple[Found, ...]:
+    clock = time.process_time()
+    found = perception.perceive(frame, bin, rng).estimates
+    return (Found.of(found, [p.score for p in found], time.process_time() - clock),)
 
 
 def _ppr_net(

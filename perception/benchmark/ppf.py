@@ -1,6 +1,6 @@
 """Point pair features (Drost et al. 2010) as OpenCV implements them: the classical peer of PS6D.
 
-Settings, how they were tuned and what OpenCV leaves open stand in docs/metrics.md.
+Settings, how they were tuned and what OpenCV leaves open stand in docs/measurements/perception.md.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""`pickproof benchmark perception`: PS6D, its peers and its ablations on the same held-out heaps (Tables I and II)."""
+"""PS6D, its peers and its ablations on the same held-out heaps (Tables I and II)."""
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,8 +16,8 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.sensing.sensor_model import SensorConfig
 from pickproof.cell.workpiece.workpiece import Workpiece, list_workpieces, load_workpiece
 from pickproof.perception.benchmark.frames import STAGE_PARTS, Job, Row, measure_rows, measure_stages
-from pickproof.perception.benchmark.methods import ABLATION_WORKPIECES, METHODS, Method, methods_of
-from pickproof.perception.benchmark.tables import markdown, mean_rows, missing_lines, show
+from pickproof.perception.benchmark.methods import METHODS, Method, methods_of
+from pickproof.perception.benchmark.tables import markdown, mean_rows, missing_lines
 from pickproof.perception.data.scenes import HEAPS_FOLDER, HELD_OUT_SEED, load_heaps
 from pickproof.perception.evaluation.heap_frames import Setup
 from pickproof.perception.ps6d.weights import file_hash, weights_record
@@ -76,49 +74,65 @@ class Results:
         self.path.with_suffix(".md").write_text(markdown(self.data()), encoding="utf-8")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof benchmark perception`."""
-    parser.add_argument("workpieces", nargs="*", metavar="WORKPIECE", help="default: all")
-    parser.add_argument("--frames", type=int, default=50, help="held-out heaps of each workpiece (default 50)")
-    parser.add_argument("--ppf-frames", type=int, help="fewer of them for PPF (default: --frames)")
-    parser.add_argument(
-        "--methods",
-        nargs="+",
-        default=list(METHODS),
-        choices=METHODS,
-        metavar="METHOD",
-        help=f"rows of Table I (default: {' '.join(METHODS)})",
-    )
-    parser.add_argument("--ablations", action="store_true", help=f"Table II too ({', '.join(ABLATION_WORKPIECES)})")
-    parser.add_argument("--stages", action="store_true", help="time each stage of perception on one core")
-    parser.add_argument(
-        "--weights-folder", type=Path, metavar="DIR", help="DIR/NAME/ps6d.safetensors in place of the shipped weights"
-    )
-    parser.add_argument(
-        "--variants-folder",
-        type=Path,
-        metavar="DIR",
-        help="DIR/NAME/VARIANT.safetensors, weights of peers and ablations (default: the shipped ones)",
-    )
-    parser.add_argument("--workers", type=int, default=1, help="processes of one thread (default 1)")
-    parser.add_argument("--out", type=Path, default=Path("out") / "benchmark", help="default: out/benchmark")
-    parser.add_argument("--resume", action="store_true", help="keep what --out holds of the same settings")
-    parser.add_argument("--json", action="store_true", help="print benchmark.json alone; the rest goes to stderr")
+@dataclass(frozen=True)
+class BenchmarkRequest:
+    """What is measured.
+
+    Attributes:
+        workpieces: names, none for all.
+        frames: held-out heaps of each workpiece; ppf_frames: fewer of them for PPF.
+        methods: rows of Table I; ablations: Table II too; stages: time each stage of perception.
+        weights_folder: DIR/NAME/ps6d.safetensors in place of the shipped weights.
+        variants_folder: DIR/NAME/VARIANT.safetensors in place of the shipped peers and ablations.
+        workers: processes of one thread.
+        out: folder of benchmark.json and benchmark.md; resume: keep what it holds of the same settings.
+        command: the command line, for the record.
+    """
+
+    workpieces: tuple[str, ...] = ()
+    frames: int = 50
+    ppf_frames: int | None = None
+    methods: tuple[str, ...] = METHODS
+    ablations: bool = False
+    stages: bool = False
+    weights_folder: Path | None = None
+    variants_folder: Path | None = None
+    workers: int = 1
+    out: Path = Path("out") / "benchmark"
+    resume: bool = False
+    command: str = ""
+
+    def check(self) -> None:
+        """Raise an InputError where options do not fit together, or folders are missing."""
+        if self.ppf_frames is not None and self.ppf_frames > self.frames:
+            valid = f"at most --frames, which is {self.frames}"
+            raise InputError("command line", "--ppf-frames", self.ppf_frames, valid)
+        if self.out.exists() and not self.out.is_dir():
+            raise InputError("command line", "--out", str(self.out), "a folder; this is a file")
+        for option, folder in (("weights-folder", self.weights_folder), ("variants-folder", self.variants_folder)):
+            if folder is not None and not folder.is_dir():
+                raise InputError("command line", f"--{option}", str(folder), "a folder that exists")
 
 
-def main_benchmark(args: argparse.Namespace) -> int:
-    """`pickproof benchmark perception`."""
-    _check(args)
+def run_benchmark(asked: BenchmarkRequest, console: Console) -> Results:
+    """Measure what is asked for and not known, and write it; `console` shows what is missing and the progress.
+
+    What was finished before an interrupt is kept.
+
+    Raises:
+        InputError: no such workpiece or weights.
+    """
+    asked.check()
     sensor = SensorConfig()
-    path = args.out / FILE
-    earlier = _earlier(path) if args.resume else NOTHING
-    names = list(dict.fromkeys([*(args.workpieces or list_workpieces()), *earlier["workpieces"]]))
-    plans = [_plan(args, load_workpiece(name)) for name in names]
+    path = asked.out / FILE
+    earlier = _earlier(path) if asked.resume else NOTHING
+    names = list(dict.fromkeys([*(asked.workpieces or list_workpieces()), *earlier["workpieces"]]))
+    plans = [_plan(asked, load_workpiece(name)) for name in names]
     missing = [entry for plan in plans for entry in _missing(plan)]
     results = Results(
         path,
         {
-            "command": f"pickproof {shlex.join(args.words)}",
+            "command": asked.command,
             "noise": sensor.enabled,
             "sensor": sensor.model_dump(),
             "missing": missing,
@@ -129,52 +143,26 @@ def main_benchmark(args: argparse.Namespace) -> int:
         results.rows[plan.workpiece.name] = known
         shown = [m for m in plan.methods if _rows(m) & (plan.asked | known.keys())]
         results.weights[plan.workpiece.name] = _weights_of(shown)
-    console = Console(stderr=True)
     for line in missing_lines(results.head):
         console.print(line, soft_wrap=True, highlight=False)
     if missing and not any(_rows(method) & plan.asked for plan in plans for method in plan.methods):
         raise InputError(missing[0]["file"], "", "missing file", f"weights written by `{missing[0]['command']}`")
     results.save()
-    try:
-        with Progress(
-            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-        ) as bar:
-            for plan in plans:
-                _measure(plan, args, sensor, results, bar)
-            for plan in plans if args.stages else ():
-                _time_stages(plan, args, sensor, results, bar)
-    except KeyboardInterrupt:
-        again = "" if args.resume else " --resume"
-        console.print(f"interrupted; finished workpieces are kept: {results.head['command']}{again}", soft_wrap=True)
-        return 130
-    if args.json:
-        print(json.dumps(results.data(), indent=1))
-    else:
-        show(results.data())
-        console.print(f"wrote {path} and {path.with_suffix('.md')}", soft_wrap=True)
-    return 0
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+    ) as bar:
+        for plan in plans:
+            _measure(plan, asked, sensor, results, bar)
+        for plan in plans if asked.stages else ():
+            _time_stages(plan, asked, sensor, results, bar)
+    return results
 
 
-def _check(args: argparse.Namespace) -> None:
-    if args.ppf_frames is None:
-        args.ppf_frames = args.frames
-    numbers = (("frames", args.frames, 10_000), ("workers", args.workers, 256), ("ppf-frames", args.ppf_frames, 10_000))
-    for option, value, most in numbers:
-        if not 1 <= value <= most:
-            raise InputError("command line", f"--{option}", value, f"1 to {most}")
-    if args.ppf_frames > args.frames:
-        raise InputError("command line", "--ppf-frames", args.ppf_frames, f"at most --frames, which is {args.frames}")
-    if args.out.exists() and not args.out.is_dir():
-        raise InputError("command line", "--out", str(args.out), "a folder; this is a file")
-    for option, folder in (("weights-folder", args.weights_folder), ("variants-folder", args.variants_folder)):
-        if folder is not None and not folder.is_dir():
-            raise InputError("command line", f"--{option}", str(folder), "a folder that exists")
-
-
-def _plan(args: argparse.Namespace, workpiece: Workpiece) -> Plan:
-    methods = methods_of(workpiece, args.frames, args.ppf_frames, args.weights_folder, args.variants_folder)
-    asked: set[Row] = {("methods", name) for name in args.methods}
-    if args.ablations:
+def _plan(request: BenchmarkRequest, workpiece: Workpiece) -> Plan:
+    ppf_frames = request.frames if request.ppf_frames is None else request.ppf_frames
+    methods = methods_of(workpiece, request.frames, ppf_frames, request.weights_folder, request.variants_folder)
+    asked: set[Row] = {("methods", name) for name in request.methods}
+    if request.ablations:
         asked |= {(m.table, row) for m in methods if m.table == "ablations" for row in m.rows}
     there = [m for m in methods if m.weights is None or m.weights.is_file()]
     wanted = [m for m in methods if m not in there and asked & _rows(m)]
@@ -255,7 +243,7 @@ def _known(earlier: dict[str, Any], plan: Plan, sensor: SensorConfig) -> dict[Ro
     return known
 
 
-def _measure(plan: Plan, args: argparse.Namespace, sensor: SensorConfig, results: Results, bar: Progress) -> None:
+def _measure(plan: Plan, asked: BenchmarkRequest, sensor: SensorConfig, results: Results, bar: Progress) -> None:
     """Measure the rows that are asked for and not known, and write."""
     workpiece, known = plan.workpiece, results.rows[plan.workpiece.name]
     due = [m for m in plan.methods if _rows(m) & plan.asked - known.keys()]
@@ -264,11 +252,11 @@ def _measure(plan: Plan, args: argparse.Namespace, sensor: SensorConfig, results
     count = max(m.frames for m in due)
     settling = bar.add_task(f"{workpiece.name}: settling heaps", total=count)
     heaps = load_heaps(
-        workpiece, HELD_OUT_SEED, count, HEAPS_FOLDER, args.workers, lambda n: bar.update(settling, completed=n)
+        workpiece, HELD_OUT_SEED, count, HEAPS_FOLDER, asked.workers, lambda n: bar.update(settling, completed=n)
     )
     seeing = bar.add_task(f"{workpiece.name}: measuring", total=count)
     job = Job(workpiece.name, tuple(due), sensor)
-    measured = measure_rows(job, heaps, args.workers, lambda: bar.advance(seeing))
+    measured = measure_rows(job, heaps, asked.workers, lambda: bar.advance(seeing))
     for method in plan.methods:
         settings = _settings(method, workpiece, sensor)
         for row in _rows(method) & measured.keys() & plan.asked:
@@ -278,13 +266,13 @@ def _measure(plan: Plan, args: argparse.Namespace, sensor: SensorConfig, results
     results.save()
 
 
-def _time_stages(plan: Plan, args: argparse.Namespace, sensor: SensorConfig, results: Results, bar: Progress) -> None:
+def _time_stages(plan: Plan, asked: BenchmarkRequest, sensor: SensorConfig, results: Results, bar: Progress) -> None:
     workpiece = plan.workpiece
-    shipped = next((m for m in plan.methods if m.rows == ("ps6d", "ps6d_refined") and m.calibrated), None)
+    shipped = next((m for m in plan.methods if m.table == "methods" and m.calibrated and m.kind == "ps6d"), None)
     if shipped is None:
         bar.console.print(f"{workpiece.name}: no stages: no weights")
         return
-    heaps = load_heaps(workpiece, HELD_OUT_SEED, args.frames, HEAPS_FOLDER, args.workers)
+    heaps = load_heaps(workpiece, HELD_OUT_SEED, asked.frames, HEAPS_FOLDER, asked.workers)
     timing = bar.add_task(f"{workpiece.name}: stages", total=1)
     found = measure_stages(Setup(workpiece.name, shipped.weights, sensor, HELD_OUT_SEED), heaps)
     bar.advance(timing)

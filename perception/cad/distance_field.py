@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -22,6 +23,15 @@ MARGIN = 0.15
 MAX_NODES = 220_000
 CELLS = 72
 """Grid cells to a unit, fewer where the grid would have more than MAX_NODES nodes."""
+
+
+class FieldArrays(NamedTuple):
+    """`DistanceField` for loops compiled by numba: table (n, 4), origin (3,), step, shape (3,) int64."""
+
+    table: np.ndarray
+    origin: np.ndarray
+    step: np.float32
+    shape: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -39,9 +49,9 @@ class DistanceField:
     shape: tuple[int, int, int]
 
     @functools.cached_property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.float32, np.ndarray]:
-        """The field as arrays: table, origin, step, shape (int64)."""
-        return self.table.numpy(), self.origin.numpy(), np.float32(self.step), np.array(self.shape)
+    def arrays(self) -> FieldArrays:
+        """The field for loops compiled by numba."""
+        return FieldArrays(self.table.numpy(), self.origin.numpy(), np.float32(self.step), np.array(self.shape))
 
     def look_up(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distance (...) and gradient (..., 3) at normalised CAD points (..., 3)."""

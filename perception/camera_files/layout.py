@@ -1,4 +1,4 @@
-"""Intrinsics in the layouts that cameras, libraries and datasets write them in (docs/data.md lists them)."""
+"""Intrinsics in the layouts of cameras, libraries and datasets (docs/reference/camera-files.md lists them)."""
 
 from __future__ import annotations
 
@@ -48,12 +48,15 @@ class Section:
         self.data, self.path, self.prefix = data, path, prefix
 
     def bad(self, key: str, value: object, valid: str) -> InputError:
+        """The error for a key whose value is not valid."""
         return InputError(self.path, f"{self.prefix}{key}", value, valid)
 
     def has(self, key: str) -> bool:
+        """Whether the mapping states this key."""
         return self.data.get(key) is not None
 
     def number(self, key: str) -> float:
+        """The finite number at a key, or an InputError."""
         value = self.data[key]
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e15:
             raise self.bad(key, value, "a finite number")

@@ -44,6 +44,7 @@ class SceneSet:
 
     @property
     def first_seed(self) -> int:
+        """Seed of the first scene."""
         return GENERATED_SEED + self.seed
 
     def heaps(self, workers: int = 1, tick: Callable[[int], None] = lambda _: None) -> list[Array]:

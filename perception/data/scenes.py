@@ -18,7 +18,7 @@ import numpy as np
 from pickproof.cell.errors import InputError, SimulationError
 from pickproof.cell.frames import Array, about_axis
 from pickproof.cell.geometry.bin import Bin, Box, table
-from pickproof.cell.sensing.camera import Intrinsics, Render, look_at, render
+from pickproof.cell.sensing.camera import Intrinsics, Render, RenderOptions, look_at, render
 from pickproof.cell.sensing.sensor_model import SensorConfig, random_sensor
 from pickproof.cell.workpiece.workpiece import HeapConfig, Workpiece, load_workpiece
 
@@ -184,7 +184,5 @@ def render_heap(workpiece: Workpiece, poses: Array, view: View, threads: int = 1
         heap_boxes(workpiece),
         view.intrinsics,
         view.T_world_camera,
-        view.sensor.projector_offset,
-        threads,
-        view.sensor.sees_reflections(workpiece.optics),
+        RenderOptions(view.sensor.projector_offset, view.sensor.sees_reflections(workpiece.optics), threads),
     )

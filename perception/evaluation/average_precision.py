@@ -1,6 +1,6 @@
 """Average precision over the score: as Bregier et al. define it for parts in bulk, and as BOP does on MSSD.
 
-The definitions, and where ours cannot follow them, stand in docs/metrics.md.
+The definitions, and where ours cannot follow them, stand in docs/reference/perception-metrics.md.
 """
 
 from __future__ import annotations

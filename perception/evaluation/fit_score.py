@@ -1,9 +1,7 @@
-"""`pickproof fit-score`: calibrates the score of a workpiece's poses on validation heaps."""
+"""Calibrates the score of a workpiece's poses on validation heaps."""
 
 from __future__ import annotations
 
-import argparse
-import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,16 +9,14 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array
 from pickproof.cell.sensing.sensor_model import SensorConfig
-from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
+from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.perception.data.scenes import VALIDATION_SEED
 from pickproof.perception.evaluation.analysis import right_poses
 from pickproof.perception.evaluation.heap_frames import HeapFrame, Setup, perceive_seeds
 from pickproof.perception.evaluation.metrics import POINTS
-from pickproof.perception.ps6d.weights import file_hash, weights_path
-from pickproof.perception.refinement.score_model import FEATURES, ScoreModel, brier_score, reliability, score_path
+from pickproof.perception.refinement.score_model import FEATURES, ScoreModel, brier_score, reliability
 
 LEAST = 25
 """Right and wrong poses that each half must hold; signs and ridge keep weights that so few cannot support near 0."""
@@ -117,54 +113,13 @@ def fit_model(examples: Examples) -> ScoreModel:
     return ScoreModel.fit(examples.features, examples.right).rescaled(standing.features, standing.right)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof fit-score`."""
-    parser.add_argument("workpiece")
-    parser.add_argument("--frames", type=int, default=40, help="validation heaps (default 40)")
-    parser.add_argument("--weights", type=Path, default=None, help="weights to calibrate (default the shipped ones)")
-    parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
-    parser.add_argument("--out", type=Path, default=None, help="file (default score.json beside the workpiece)")
+def fit_score(workpiece: Workpiece, frames: int, weights: Path | None, workers: int, console: Console) -> Fit:
+    """Fit the score of a workpiece's poses on that many validation heaps; `console` shows the progress.
 
-
-def main_fit_score(args: argparse.Namespace) -> int:
-    """`pickproof fit-score WORKPIECE`; 3 where the examples are too few or the fit is no better than the default."""
-    for option, value, least, most in (("frames", args.frames, 2, 1_000_000), ("workers", args.workers, 1, 256)):
-        if not least <= value <= most:
-            raise InputError("command line", f"--{option}", value, f"{least} to {most}")
-    workpiece = load_workpiece(args.workpiece)
-    out = args.out or score_path(workpiece)
-    if not out.parent.is_dir() or (out.exists() and not out.is_file()):
-        raise InputError("command line", "--out", str(out), "a regular file in a folder that exists")
-    setup = Setup(workpiece.name, args.weights, SensorConfig(), VALIDATION_SEED, calibrated=False)
+    Raises:
+        InputError: the weights cannot be read.
+    """
+    setup = Setup(workpiece.name, weights, SensorConfig(), VALIDATION_SEED, calibrated=False)
     setup.check()
-    console = Console()
-    with perceive_seeds(setup, VALIDATION_SEED, args.frames, args.workers, console, "examining") as seen:
-        examples = examples_of(seen, workpiece)
-    result = fit(examples)
-    console.print(
-        f"{workpiece.name}: {result.record['right']} right and {result.record['wrong']} wrong poses examined in "
-        f"{args.frames} validation heaps; without a better rival {result.record['standing_right']} right and "
-        f"{result.record['standing_wrong']} wrong"
-    )
-    _print_half(console, result.record.get("unfitted_half"))
-    if result.model is None:
-        console.print(f"nothing written, the default score stays: {result.reason}")
-        return 3
-    source = {
-        "command": f"pickproof {shlex.join(args.words)}",
-        "weights": file_hash(args.weights or weights_path(workpiece)),
-        "frames": args.frames,
-    }
-    result.model.save(out, source | result.record)
-    console.print(f"wrote {out}", soft_wrap=True)
-    return 0
-
-
-def _print_half(console: Console, half: object) -> None:
-    if isinstance(half, dict):
-        console.print(
-            f"unrivalled poses of the frames that were not fitted, {half['right']} of {half['standing']} right: "
-            f"expected calibration error "
-            f"{half['ece_before']:.4f} before, {half['ece_after']:.4f} after; "
-            f"Brier score {half['brier_before']:.4f} before, {half['brier_after']:.4f} after"
-        )
+    with perceive_seeds(setup, VALIDATION_SEED, frames, workers, console, "examining") as seen:
+        return fit(examples_of(seen, workpiece))

@@ -24,9 +24,10 @@ from pickproof.cell.sensing.sensor_model import SensorConfig, measure
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.perception.data.bop_read import BopImage
 from pickproof.perception.data.scenes import HEAPS_FOLDER, heap_bin, load_heaps, overhead_view, render_heap
-from pickproof.perception.estimate import Perception, shipped_score_model
+from pickproof.perception.estimate import Perception, method_for, shipped_score_model
+from pickproof.perception.method import Method
 from pickproof.perception.ps6d.weights import load_weights, weights_path
-from pickproof.perception.refinement.refine import RefineResult
+from pickproof.perception.refinement.refine import RefineConfig, RefineResult
 from pickproof.perception.training.dataset import Scene
 
 
@@ -67,6 +68,7 @@ class Setup:
         sensor: noise of the depth.
         seed: with the index of a heap, the seed of its noise and of its voting points.
         calibrated: with the workpiece's own score model where it has one.
+        method: how poses are found.
     """
 
     workpiece: str
@@ -74,6 +76,7 @@ class Setup:
     sensor: SensorConfig
     seed: int
     calibrated: bool = True
+    method: Method = "auto"
 
     def check(self) -> None:
         """Read what `load` reads, without its long preparations.
@@ -82,13 +85,16 @@ class Setup:
             InputError: missing or corrupt workpiece, weights or score model.
         """
         workpiece = load_workpiece(self.workpiece)
+        if method_for(workpiece, self.method, self.weights) == "search":
+            return
         load_weights(self.weights or weights_path(workpiece), workpiece)
         if self.calibrated:
             shipped_score_model(workpiece)
 
     def load(self) -> Perception:
         """Ready to perceive."""
-        return Perception.load(load_workpiece(self.workpiece), self.weights, calibrated=self.calibrated)
+        config = RefineConfig.model_validate({"fit": {}})
+        return Perception.load(load_workpiece(self.workpiece), self.weights, config, self.calibrated, self.method)
 
 
 def perceive_scenes(setup: Setup, scenes: Sequence[Scene], workers: int = 1) -> Iterator[HeapFrame]:

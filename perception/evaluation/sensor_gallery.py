@@ -67,6 +67,7 @@ def _coloured(grey: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("workpieces", nargs="+")
     parser.add_argument("--heaps", type=Path, default=Path("out") / "heaps", help="folder of settled heaps")

@@ -1,13 +1,11 @@
-"""`pickproof perceive`: the poses of workpieces in a depth image or point cloud of the user's own."""
+"""The poses of workpieces in a depth image or point cloud of the user's own."""
 
 from __future__ import annotations
 
-import argparse
 import json
-import shlex
-import sys
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +16,11 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.frames import apply, invert
 from pickproof.cell.geometry.bin import Bin
 from pickproof.cell.sensing.camera import DepthFrame
-from pickproof.cell.workpiece.workpiece import UNITS, Workpiece, load_workpiece
-from pickproof.perception.camera_files.check import FARTHEST, check_pose, check_sigma, check_step
-from pickproof.perception.data.bop_format import MM
+from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
+from pickproof.perception.camera_files.check import FARTHEST, check_pose
 from pickproof.perception.data.region import region_of_interest
-from pickproof.perception.estimate import Perception
+from pickproof.perception.estimate import Perception, method_for
+from pickproof.perception.method import Method
 from pickproof.perception.own_images.pose_picture import draw_poses
 from pickproof.perception.own_images.user_frame import Options, read_frame
 from pickproof.perception.ps6d.cloud import roi_mask, scene_cloud
@@ -44,61 +42,71 @@ class BinFile(Config):
     T_world_bin: tuple[tuple[float, float, float, float], ...]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof perceive`."""
-    parser.add_argument("workpiece")
-    parser.add_argument("input", type=Path, help="depth: PNG, TIFF, NPY, NPZ; cloud: PLY, PCD, XYZ, PTS, NPY, NPZ")
-    parser.add_argument("--camera", type=Path, metavar="FILE", help="intrinsics of a depth image, as JSON or YAML")
-    for name in ("fx", "fy", "cx", "cy"):
-        parser.add_argument(f"--{name}", type=float, metavar="PIXEL", help="all four in place of --camera")
-    parser.add_argument("--depth-scale", type=float, metavar="MM", help="millimetres a count of a depth image")
-    parser.add_argument("--camera-id", type=int, metavar="ID", help="entry of a scene_camera.json (default: by name)")
-    parser.add_argument("--depth-is", choices=("z", "range"), default="z", help="range: the length of the ray")
-    parser.add_argument("--unit", choices=sorted(UNITS), help="of a cloud or of depth in floats (default m)")
-    parser.add_argument("--camera-pose", type=Path, metavar="FILE", help="4 x 4 T_world_camera of the input, in m")
-    parser.add_argument("--sigma", type=float, metavar="M", help="noise of a depth (default: measured in the input)")
-    where = parser.add_mutually_exclusive_group()
-    box = ("X0", "Y0", "Z0", "X1", "Y1", "Z1")
-    where.add_argument("--roi", type=float, nargs=6, metavar=box, help="box that holds the workpieces, in m")
-    where.add_argument("--bin", type=Path, metavar="FILE", help="YAML with inner and T_world_bin, in m")
-    parser.add_argument("--weights", type=Path, default=None, help="weights (default the shipped ones)")
-    parser.add_argument("--seed", type=int, default=0, help="of the voting points")
-    parser.add_argument("--json", action="store_true", help="print the poses as JSON")
-    parser.add_argument("--out", type=Path, default=None, help="output folder (default out/perceive/WORKPIECE)")
+@dataclass(frozen=True)
+class PerceptionRequest:
+    """What is perceived.
+
+    Attributes:
+        workpiece: its name; input: the file of a depth image or of a cloud; options: what is said of it.
+        box: low, then high corner of a box that holds the workpieces, in [m] in world coordinates; bin: file of a bin
+            in its place.
+        weights: None for the shipped ones; seed: of the voting points and seeds; method: how poses are found.
+        out: folder of poses.json and poses.png; None for the usual one.
+        command: the command line, for the record.
+    """
+
+    workpiece: str
+    input: Path
+    options: Options
+    box: list[float] | None = None
+    bin: Path | None = None
+    weights: Path | None = None
+    seed: int = 0
+    out: Path | None = None
+    command: str = ""
+    method: Method = "auto"
 
 
-def main(args: argparse.Namespace) -> int:
-    """`pickproof perceive WORKPIECE INPUT`."""
-    workpiece = load_workpiece(args.workpiece)
-    frame = read_frame(args.input, _options(args), workpiece, _warn)
-    region = region_of(frame, workpiece, args.roi, args.bin)
-    _check_region(args.input, frame, region, workpiece)
-    perception = Perception.load(workpiece, args.weights)
+@dataclass(frozen=True)
+class Perceived:
+    """What was perceived: poses.json, its folder, and the pixels that were looked at."""
+
+    document: dict[str, Any]
+    out: Path
+    frame: DepthFrame
+    pixels: int
+
+
+def perceive(asked: PerceptionRequest, warn: Callable[[str], None]) -> Perceived:
+    """Find the poses and write poses.json and poses.png; `warn` is told what looks wrong in the input.
+
+    Raises:
+        InputError: input or weights cannot be used.
+    """
+    workpiece = load_workpiece(asked.workpiece)
+    frame = read_frame(asked.input, asked.options, workpiece, warn)
+    region = region_of(frame, workpiece, asked.box, asked.bin)
+    _check_region(asked.input, frame, region, workpiece)
+    perception = Perception.load(workpiece, asked.weights, method=asked.method)
     clock = time.perf_counter()
-    result = perception.perceive_region(frame, region, np.random.default_rng(args.seed))
+    result = perception.perceive_region(frame, region, np.random.default_rng(asked.seed))
     seconds = time.perf_counter() - clock
-    out = args.out or Path("out") / "perceive" / workpiece.name
+    out = asked.out or Path("out") / "perceive" / workpiece.name
     out.mkdir(parents=True, exist_ok=True)
     document = {
         "schema": SCHEMA,
         "workpiece": workpiece.name,
-        "input": str(args.input),
-        "command": f"pickproof {shlex.join(args.words)}",
-        "weights": file_hash(args.weights or weights_path(workpiece)),
+        "input": str(asked.input),
+        "command": asked.command,
+        "method": method_for(workpiece, asked.method, asked.weights),
+        "weights": None if perception.network is None else file_hash(asked.weights or weights_path(workpiece)),
         "camera": vars(frame.intrinsics) | {"sigma_m": frame.sigma, "T_world_camera": frame.T_world_camera.tolist()},
         "seconds": seconds,
         "poses": poses_of(result, frame),
     }
     (out / "poses.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     draw_poses(frame, region, workpiece, result.estimates, out / "poses.png")
-    if args.json:
-        print(json.dumps(document, indent=1))
-        return 0
-    K = frame.intrinsics
-    print(f"{K.width} x {K.height} pixels, {int(region.sum())} of them of interest, noise {1e3 * frame.sigma:.2f} mm")
-    print(f"{len(result.estimates)} {workpiece.name} found in {seconds:.2f} s")
-    print(f"wrote {out / 'poses.json'} and {out / 'poses.png'}")
-    return 0
+    return Perceived(document, out, frame, int(region.sum()))
 
 
 def poses_of(result: RefineResult, frame: DepthFrame) -> list[dict[str, Any]]:
@@ -155,10 +163,6 @@ def _check_bin(path: Path, in_bin: DepthFrame, inner: tuple[float, float, float]
         raise InputError(path, "inner", found, f"at most {LARGER:g} times what is seen; in m")
 
 
-def _warn(text: str) -> None:
-    print(f"pickproof: warning: {text}", file=sys.stderr)
-
-
 def _check_region(path: Path, frame: DepthFrame, region: np.ndarray, workpiece: Workpiece) -> None:
     """It holds something, and not too much."""
     if region.sum() < 64:
@@ -169,29 +173,3 @@ def _check_region(path: Path, frame: DepthFrame, region: np.ndarray, workpiece: 
     if occupied > MOST_VOXELS:
         size = f"{occupied} cells of {1e3 * VOXELS[0] * workpiece.unit:.2g} mm"
         raise InputError(path, "region of interest", size, f"{MOST_VOXELS} at most; limit it with --roi or --bin")
-
-
-def _options(args: argparse.Namespace) -> Options:
-    given = {name: getattr(args, name) for name in ("fx", "fy", "cx", "cy")}
-    said = {name: value for name, value in given.items() if value is not None}
-    if said and (len(said) < 4 or args.camera is not None):
-        missing = ", ".join(f"--{name}" for name in given if name not in said)
-        value = f"--camera and {', '.join(f'--{n}' for n in said)}" if args.camera else f"no {missing}"
-        raise InputError("command line", "intrinsics", value, "--camera FILE, or all of --fx --fy --cx --cy")
-    if args.depth_scale is not None:
-        check_step(args.depth_scale / MM, "command line", "--depth-scale")
-    if args.sigma is not None:
-        check_sigma(args.sigma, "command line", "--sigma")
-    if args.seed < 0:
-        raise InputError("command line", "--seed", args.seed, "0 or more")
-    return Options(
-        camera=args.camera,
-        focal=(args.fx, args.fy) if said else None,
-        centre=(args.cx, args.cy) if said else None,
-        camera_id=args.camera_id,
-        depth_scale=args.depth_scale,
-        unit=args.unit,
-        depth_is=args.depth_is,
-        pose=args.camera_pose,
-        sigma=args.sigma,
-    )

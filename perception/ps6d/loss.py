@@ -48,12 +48,14 @@ class SymmetricModel:
 
     @staticmethod
     def of(points: Tensor, symmetry: Symmetry) -> SymmetricModel:
+        """Of model points (m, 3) and the symmetry of their workpiece."""
         v = torch.tensor(symmetry.v.copy(), dtype=points.dtype)
         return SymmetricModel(
             points * v, torch.tensor(symmetry.S.copy(), dtype=points.dtype), v, _moment_root(points, v)
         )
 
     def to(self, device: torch.device) -> SymmetricModel:
+        """The same on a device."""
         return SymmetricModel(*(x.to(device) for x in (self.points, self.S, self.v, self.moment_root)))
 
 

@@ -1,4 +1,4 @@
-"""The back half of PPR-Net and PPR-Net++: poses from one clustering of the predicted centres.
+"""PPR-Net and PPR-Net++: poses from one clustering of the predicted centres.
 
 PPR-Net: Dong et al., IROS 2019. PPR-Net++: Zeng, Lv, Dong, Liu, IEEE T-ASE 2021. As published: mean shift with a flat
 kernel on predicted centres alone; votes beyond the bandwidth belong to no instance; an instance's pose is the mean of

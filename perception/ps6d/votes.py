@@ -1,4 +1,4 @@
-"""What the network hands to the back half: one pose prediction for every voting point."""
+"""What the network hands to clustering and refinement: one pose prediction for every voting point."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from pickproof.cell.config import Config, Sigma
 from pickproof.perception.cad.shape_model import ShapeModel
+from pickproof.perception.ps6d.pose_fitting import FitConfig
 from pickproof.perception.ps6d.voting import ClusterConfig
 
 
@@ -77,6 +78,7 @@ class RefineConfig(Config):
     """Settings of everything after the network."""
 
     cluster: ClusterConfig = ClusterConfig()
+    fit: FitConfig | None = Field(None, description="poses by all votes of a category too; only figures need them")
     hypotheses: HypothesisConfig = HypothesisConfig()
     registration: RegistrationConfig = RegistrationConfig()
     verify: VerifyConfig = VerifyConfig()

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.refinement.depth_surface import SurfaceMap
-from pickproof.perception.refinement.numba_kernels import distance_at, pixel_of, turned, turned_back
+from pickproof.perception.refinement.numba_kernels import KernelPoses, distance_at, pixel_of, turned, turned_back
 
 
 @dataclass(frozen=True)
@@ -71,19 +71,16 @@ def facing_camera(R: Tensor, t: Tensor, a: Agreement, shape: ShapeModel) -> Tens
 def soft_score(R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, count: int, tolerance: float) -> Tensor:
     """Score (h,) of poses at a coarse tolerance in units, for ranking: agreement less 0.7 of what was seen through."""
     R, t = R.contiguous(), t.contiguous()
-    poses = R.numpy(), t.numpy(), shape.view_of(R, t).numpy()
-    scores = _soft_scores(
-        *poses, shape.visible.numpy(), count, scene.table.numpy(), scene.camera, np.float32(tolerance),
-        *shape.field.arrays,
-    )  # fmt: skip
+    poses = KernelPoses(R.numpy(), t.numpy(), shape.view_of(R, t).numpy())
+    visible, table = shape.visible.numpy(), scene.table.numpy()
+    scores = _soft_scores(poses, visible, count, table, scene.camera, np.float32(tolerance), shape.field.arrays)
     return torch.from_numpy(scores)
 
 
 @numba.njit(cache=True)
-def _soft_scores(  # type: ignore[no-untyped-def]
-    R, t, view, visible, count, table, camera, tolerance, field, field_origin, field_step, field_shape
-):
+def _soft_scores(poses, visible, count, table, camera, tolerance, field):  # type: ignore[no-untyped-def]
     """The loop of `soft_score`: as `compare`, point by point."""
+    R, t, view = poses
     scores = np.zeros(len(R), np.float32)
     for i in range(len(R)):
         tx, ty, tz = t[i]
@@ -101,7 +98,7 @@ def _soft_scores(  # type: ignore[no-untyped-def]
             if table[pixel, 2] <= 0:
                 continue
             qx, qy, qz = turned_back(R, i, table[pixel, 0] - tx, table[pixel, 1] - ty, table[pixel, 2] - tz)
-            distance, gx, gy, gz = distance_at(field, field_origin, field_step, field_shape, qx, qy, qz)
+            distance, gx, gy, gz = distance_at(field.table, field.origin, field.step, field.shape, qx, qy, qz)
             near = np.float32(1.0) - (distance / tolerance) ** 2
             if near <= 0:
                 continue

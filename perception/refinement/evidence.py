@@ -108,7 +108,7 @@ def examine(
     `every` = n takes one in n of the points: faster and rougher.
     """
     tolerance = inlier_tolerance(scene, config)
-    n_votes, centres_agree, rotations_agree = _support(R, t, shape, 2 * tolerance, votes)
+    n_votes, centres_agree, rotations_agree = vote_support(R, t, shape, 2 * tolerance, votes)
     a = compare(R, t, scene, shape, shape.density * config.points // every)
     faces = facing_camera(R, t, a, shape)
     claimed = faces.sum(1).clamp(min=1).double()
@@ -145,7 +145,7 @@ def examine(
     )
 
 
-def _support(
+def vote_support(
     R: Tensor, t: Tensor, shape: ShapeModel, tolerance: float, votes: Votes | None
 ) -> tuple[Floats, Floats, Floats]:
     """Votes (h,) within `tolerance` of the surface of each pose, and the shares (h,) that predicted its centre and

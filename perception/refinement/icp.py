@@ -17,7 +17,16 @@ from torch import Tensor
 
 from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.refinement.depth_surface import SurfaceMap
-from pickproof.perception.refinement.normal_equations import rim_terms, surface_terms
+from pickproof.perception.refinement.normal_equations import (
+    Association,
+    CadPoints,
+    EdgeSearch,
+    Outline,
+    VoteWeights,
+    rim_terms,
+    surface_terms,
+)
+from pickproof.perception.refinement.numba_kernels import KernelPoses
 
 
 @dataclass(frozen=True)
@@ -89,9 +98,10 @@ def _step(
     R: Tensor, t: Tensor, scene: SurfaceMap, shape: ShapeModel, stage: IcpStage, threshold: float
 ) -> tuple[Tensor, Tensor]:
     """One Gauss-Newton step: d(distance) / d(twist) in the CAD frame is -(w x y + v) for a turn w and a shift v."""
-    poses = R.numpy(), t.numpy(), shape.view_of(R, t).numpy()
-    camera = scene.camera
-    membership = (
+    poses = KernelPoses(R.numpy(), t.numpy(), shape.view_of(R, t).numpy())
+    cad = CadPoints(shape.visible.numpy(), shape.visible_normals.numpy(), stage.points)
+    rule = Association(np.float32(threshold), np.float32(MIN_FACING), stage.projective)
+    votes = VoteWeights(
         scene.nearest_vote.numpy(),
         scene.centres.numpy() if stage.by_votes else np.zeros((0, 3), np.float32),
         np.float32(VOTE_REACH),
@@ -99,10 +109,7 @@ def _step(
         *shape.elongation,
     )
     # Tukey's weight: an occluder or the floor one threshold away has no say
-    hessian, slope = surface_terms(
-        *poses, shape.visible.numpy(), shape.visible_normals.numpy(), stage.points, scene.table.numpy(), camera,
-        np.float32(threshold), np.float32(MIN_FACING), stage.projective, *shape.field.arrays, *membership,
-    )  # fmt: skip
+    hessian, slope = surface_terms(poses, cad, scene.table.numpy(), scene.camera, shape.field.arrays, rule, votes)
     if stage.rim > 0:
         of_rim = _rim_terms(poses, scene, shape, stage)
         hessian, slope = hessian + of_rim[0], slope + of_rim[1]
@@ -115,7 +122,7 @@ def _step(
 
 
 def _rim_terms(
-    poses: tuple[np.ndarray, np.ndarray, np.ndarray], scene: SurfaceMap, shape: ShapeModel, stage: IcpStage
+    poses: KernelPoses, scene: SurfaceMap, shape: ShapeModel, stage: IcpStage
 ) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations (h, 6, 6), (h, 6) of the outline: move it to where the measured depth drops.
 
@@ -127,10 +134,9 @@ def _rim_terms(
     half_width = stage.rim * shape.fineness
     stride = RIM_STRIDE_COARSE if half_width > RIM_COARSE else 1
     drop, strength = np.float32(RIM_DROP * shape.thickness), np.float32(RIM_WEIGHT * stage.points)
-    outline = shape.rim.numpy(), shape.rim_outward.numpy(), stride
-    found: tuple[np.ndarray, np.ndarray] = rim_terms(
-        *poses, *outline, np.float32(half_width), RIM_STEPS, drop, strength, scene.depth.numpy(), scene.camera
-    )
+    outline = Outline(shape.rim.numpy(), shape.rim_outward.numpy(), stride)
+    search = EdgeSearch(np.float32(half_width), RIM_STEPS, drop, strength, scene.depth.numpy(), scene.camera)
+    found: tuple[np.ndarray, np.ndarray] = rim_terms(poses, outline, search)
     return found
 
 

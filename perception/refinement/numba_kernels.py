@@ -6,8 +6,18 @@ times. Poses R (h, 3, 3), t (h, 3) carry CAD to camera coordinates; lengths in u
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
+
+
+class KernelPoses(NamedTuple):
+    """h poses: R (h, 3, 3), t (h, 3), and the index (h,) of the view that each shows the camera."""
+
+    R: np.ndarray
+    t: np.ndarray
+    view: np.ndarray
 
 
 @numba.njit(cache=True)

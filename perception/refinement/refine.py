@@ -1,7 +1,7 @@
 """Everything after the network: votes to verified poses.
 
 Takes a depth frame, the workpiece and its votes; gives a `RefineResult`: the poses of the clustering as they are (the
-paper's result) and the poses that ICP and verification leave. docs/perception-refinement.md has the steps in a table.
+paper's result) and the poses that ICP and verification leave. docs/explanation/refinement.md has the steps in a table.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.pose_estimate import PoseEstimate
+from pickproof.perception.ps6d.pose_fitting import FitConfig, fit_categories
 from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.voting import Categories, ClusterConfig, cluster, merge, nearest_rotations, vote
 from pickproof.perception.refinement.config import RefineConfig
@@ -55,12 +56,15 @@ class RefineResult:
             share of votes that a category holds, and residual and visible share are unknown (NaN).
         seconds: wall time of each stage in [s].
         examined: what the score is calibrated on; None without votes.
+        fitted: poses by all votes of a category, as `raw` otherwise; None where the settings do not ask for them, or
+            the network predicts no CAD coordinates.
     """
 
     estimates: list[PoseEstimate]
     raw: list[PoseEstimate]
     seconds: dict[str, float]
     examined: Examined | None = None
+    fitted: list[PoseEstimate] | None = None
 
 
 def refine(
@@ -77,29 +81,51 @@ def refine(
         roi: (h, w) bool, where workpieces may be; None for everywhere.
         score_model: calibration of this workpiece; None for the default.
     """
-    shape = ShapeModel.of(workpiece)
     clock = StageClock()
-    votes = votes.finite()
-    clustered = _two_stage_clusters(votes, shape, config.cluster)
-    raw = _raw_estimates(clustered.categories, shape, len(votes))
-    clustered = _places_of_every_mode(clustered, shape, config.cluster)
+    shape = ShapeModel.of(workpiece)
+    clustered = cluster_votes(votes, shape, config.cluster)
     clock.lap("cluster")
+    scene = measured_surface(frame, shape, config, roi)
+    clock.lap("surface")
+    return register_and_verify(clustered, scene, shape, config, score_model, clock)
+
+
+def cluster_votes(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Clustered:
+    """Two-stage clustering and pose voting of the paper; votes that are not finite are dropped."""
+    votes = votes.finite()
+    return Clustered(votes, *cluster(votes, shape, config))
+
+
+def measured_surface(
+    frame: DepthFrame, shape: ShapeModel, config: RefineConfig, roi: np.ndarray | None = None
+) -> SurfaceMap:
+    """The depth image as points and normals, in units; `roi` (h, w) bool limits where workpieces may be."""
+    sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma
     with torch.inference_mode():
-        sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma
-        scene = SurfaceMap.of(frame, shape.unit, sigma, roi)
-        clock.lap("surface")
-        search = PoseSearch(scene, shape, votes, config, score_model or ScoreModel(), clock)
+        return SurfaceMap.of(frame, shape.unit, sigma, roi)
+
+
+def register_and_verify(
+    clustered: Clustered,
+    scene: SurfaceMap,
+    shape: ShapeModel,
+    config: RefineConfig,
+    score_model: ScoreModel | None,
+    clock: StageClock,
+) -> RefineResult:
+    """Hypotheses of the clusters through ICP and verification; `clock` has what came before, and takes the rest."""
+    raw = _raw_estimates(clustered.categories, shape, len(clustered.votes))
+    fitted = _fitted_estimates(clustered, shape, config.fit)
+    clock.lap("fit")
+    clustered = _places_of_every_mode(clustered, shape, config.cluster)
+    with torch.inference_mode():
+        search = PoseSearch(scene, shape, clustered.votes, config, score_model or ScoreModel(), clock)
         claims, standing = _search_twice(search, clustered)
         winners = accepted(claims, standing, config.verify, search.score_model.threshold)
         clock.lap("verify")
     features = claims.evidence.features(inlier_tolerance(scene, config.verify))
     examined = Examined(_transforms(claims, shape), features, claims.scores, standing)
-    return RefineResult(_estimates(winners, shape), raw, clock.seconds, examined)
-
-
-def _two_stage_clusters(votes: Votes, shape: ShapeModel, config: ClusterConfig) -> Clustered:
-    """Two-stage clustering and pose voting."""
-    return Clustered(votes, *cluster(votes, shape, config))
+    return RefineResult(_estimates(winners, shape), raw, clock.seconds, examined, fitted)
 
 
 def _places_of_every_mode(clustered: Clustered, shape: ShapeModel, config: ClusterConfig) -> Clustered:
@@ -152,6 +178,14 @@ def _transforms(claims: Claims, shape: ShapeModel) -> Array:
     return make_transform(R, claims.positions.double().numpy() * shape.unit)
 
 
+def _fitted_estimates(clustered: Clustered, shape: ShapeModel, config: FitConfig | None) -> list[PoseEstimate] | None:
+    votes = clustered.votes
+    if config is None or votes.cad_coordinates is None:
+        return None
+    categories = fit_categories(votes, clustered.modes, clustered.categories, shape.symmetry, config)
+    return _raw_estimates(categories, shape, len(votes))
+
+
 def _raw_estimates(categories: Categories, shape: ShapeModel, n_votes: int) -> list[PoseEstimate]:
     return [
         PoseEstimate(make_transform(R, t * shape.unit), float(count / max(n_votes, 1)), np.nan, np.nan, int(count))
@@ -159,4 +193,12 @@ def _raw_estimates(categories: Categories, shape: ShapeModel, n_votes: int) -> l
     ]
 
 
-__all__ = ["Examined", "RefineConfig", "RefineResult", "refine"]
+__all__ = [
+    "Examined",
+    "RefineConfig",
+    "RefineResult",
+    "cluster_votes",
+    "measured_surface",
+    "refine",
+    "register_and_verify",
+]

@@ -1,10 +1,8 @@
-"""`pickproof train`: PS6D for one workpiece from streamed scenes, resumable, on the CPU or on CUDA."""
+"""PS6D for one workpiece from streamed scenes, resumable, on the CPU or on CUDA."""
 
 from __future__ import annotations
 
-import argparse
 import os
-import shlex
 import shutil
 import time
 from pathlib import Path
@@ -15,14 +13,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array
-from pickproof.cell.numerics import use_fast_training
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.perception.data.bop_read import BopImage
 from pickproof.perception.data.scenes import HEAPS_FOLDER, TRAIN_SEED, VALIDATION_SEED, load_heaps, overhead_view
-from pickproof.perception.ps6d.variants import VARIANTS, network_config
 from pickproof.perception.ps6d.weights import variant_path, weights_path
 from pickproof.perception.training.dataset import Sample, Scene, image_sample, make_sample, stream
-from pickproof.perception.training.scene_source import add_source_arguments, given_scenes
 from pickproof.perception.training.trainer import TrainConfig, Trainer, batches
 
 VALIDATION_HEAPS = 16
@@ -124,7 +119,8 @@ def _line(row: dict[str, float]) -> str:
     )
 
 
-def _init_path(name: str, variant: str) -> Path:
+def init_path(name: str, variant: str) -> Path:
+    """Weights to start from: a file, or those of a workpiece."""
     if name.endswith(".safetensors"):
         return Path(name)
     return weights_of(load_workpiece(name), variant)
@@ -133,74 +129,6 @@ def _init_path(name: str, variant: str) -> Path:
 def weights_of(workpiece: Workpiece, variant: str) -> Path:
     """Where the weights of a variant of the network are looked for."""
     return weights_path(workpiece) if variant == "ps6d" else variant_path(workpiece, variant)
-
-
-MOST = {"minutes": 1e6, "clouds": 1e9, "heaps": 1e6, "batch": 4096, "reuse": 1e6, "lr": 1.0}
-"""Of each option at most; more is a slip, or fills the memory."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof train`."""
-    d = TrainConfig()
-    parser.add_argument("workpiece")
-    parser.add_argument("--minutes", type=float, default=d.minutes, help=f"stop after these (default {d.minutes:g})")
-    parser.add_argument("--clouds", type=int, default=d.clouds, help="stop after this many clouds")
-    parser.add_argument("--heaps", type=int, default=d.heaps, help=f"settled heaps to train on (default {d.heaps})")
-    add_source_arguments(parser)
-    parser.add_argument("--batch", type=int, default=d.batch, help=f"clouds a step (default {d.batch}; more on CUDA)")
-    parser.add_argument("--reuse", type=int, default=d.reuse, help="times a rendered cloud is used")
-    parser.add_argument("--lr", type=float, default=d.learning_rate, help="peak learning rate")
-    parser.add_argument(
-        "--loaders", type=int, default=d.loaders, help="rendering processes (0: in this one; CUDA: all cores but one)"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--variant", default="ps6d", help=f"network: {', '.join(VARIANTS)}")
-    parser.add_argument(
-        "--init", default="", help="start from weights of the same variant: a workpiece's name or a file"
-    )
-    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in the output folder")
-    parser.add_argument("--out", type=Path, default=None, help="output folder (default out/train/WORKPIECE[-VARIANT])")
-
-
-def command_line(args: argparse.Namespace) -> str:
-    """The command that gives these arguments, defaults and the output folder left out."""
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    defaults = parser.parse_args([args.workpiece])
-    words = ["pickproof", "train", args.workpiece]
-    for name, default in vars(defaults).items():
-        value = getattr(args, name)
-        if value != default and name != "out":
-            words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
-    return shlex.join(words)
-
-
-def main_train(args: argparse.Namespace) -> int:
-    """`pickproof train WORKPIECE`."""
-    use_fast_training()
-    for name, most in MOST.items():
-        if not 0 < getattr(args, name) <= most:
-            valid = f"a number above 0 and at most {most:g}"
-            raise InputError("command line", f"--{name}", getattr(args, name), valid)
-    for name, most in (("loaders", 256), ("seed", 2**31 - 1)):
-        if not 0 <= getattr(args, name) <= most:
-            raise InputError("command line", f"--{name}", getattr(args, name), f"0 to {most}")
-    workpiece = load_workpiece(args.workpiece)
-    network = network_config(args.variant, workpiece)
-    given = given_scenes(args, workpiece, os.cpu_count() or 1)
-    config = TrainConfig(
-        minutes=args.minutes, clouds=args.clouds, heaps=len(given) if given else args.heaps,
-        batch=args.batch, reuse=args.reuse,
-        learning_rate=args.lr, loaders=args.loaders, seed=args.seed,
-        init=str(_init_path(args.init, args.variant)) if args.init else "",
-        network=network,
-    )  # fmt: skip
-    out = args.out or Path("out") / "train" / (workpiece.name + (f"-{args.variant}" if args.variant != "ps6d" else ""))
-    console = Console()
-    path = train(workpiece, config, out, args.resume, console, command_line(args), given)
-    console.print(f"weights: {path}\ncurves:  {out / 'curves.png'}")
-    console.print(put_to_use(path, weights_of(workpiece, args.variant)), soft_wrap=True)
-    return 0
 
 
 def put_to_use(path: Path, used: Path) -> str:

@@ -65,6 +65,7 @@ class Mean:
 
     @torch.no_grad()
     def update(self, network: Ps6d) -> None:
+        """Take one step of training into the mean."""
         self.updates += 1
         decay = min(EMA_DECAY, (1 + self.updates) / (10 + self.updates))
         pairs = list(zip(self.network.state_dict().values(), network.state_dict().values(), strict=True))

@@ -136,6 +136,7 @@ class Checker:
         return not pin.computeCollisions(self.model, self.data, self.broadphase, q, True)
 
     def contact(self, q: Array) -> Contact | None:
+        """What touches what at q (6,); None where all is free."""
         if self.free(q):
             return None
         pin.computeCollisions(self.model, self.data, self.geometry, self.geometry_data, q, True)

@@ -22,31 +22,31 @@ Six = tuple[float, float, float, float, float, float]
 class OpwConfig(Config):
     """Lengths [m], offsets [deg] and flips of an ortho-parallel arm with a spherical wrist (Brandstoetter 2014)."""
 
-    a1: Offset
-    a2: Offset
-    b: Offset
-    c1: Offset
-    c2: Offset
-    c3: Offset
-    c4: Offset
-    offsets_deg: Six
-    flips: tuple[bool, bool, bool, bool, bool, bool]
+    a1: Offset = Field(description="[m]")
+    a2: Offset = Field(description="[m]")
+    b: Offset = Field(description="[m]")
+    c1: Offset = Field(description="[m]")
+    c2: Offset = Field(description="[m]")
+    c3: Offset = Field(description="[m]")
+    c4: Offset = Field(description="[m]")
+    offsets_deg: Six = Field(description="added to each joint angle")
+    flips: tuple[bool, bool, bool, bool, bool, bool] = Field(description="joints whose sense is reversed")
 
 
 class RobotConfig(Config):
     """Schema of robot.yaml."""
 
-    name: str
-    urdf: str
-    joints: tuple[str, str, str, str, str, str]
-    flange: str
+    name: str = Field(description="that of the folder")
+    urdf: str = Field(description="file beside this one")
+    joints: tuple[str, str, str, str, str, str] = Field(description="names in the URDF, from the base on")
+    flange: str = Field(description="link of the URDF at which the gripper is mounted")
     payload: float = Field(gt=0, description="[kg]")
     reach: Length = Field(description="J1 axis to wrist centre [m]")
-    opw: OpwConfig
-    velocity_deg: Six
+    opw: OpwConfig = Field(description="parameters of the inverse kinematics")
+    velocity_deg: Six = Field(description="[deg/s] limit of each joint")
     time_to_velocity: float = Field(gt=0, description="v_max / a_max [s]")
     time_to_acceleration: float = Field(gt=0, description="a_max / j_max [s]")
-    home_deg: Six
+    home_deg: Six = Field(description="[deg] where the arm waits first; leaves the view of the camera free")
 
 
 @dataclass(frozen=True, eq=False)

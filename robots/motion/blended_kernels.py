@@ -1,7 +1,8 @@
-"""What `robots.motion.blended_motion` does many thousand times a second: a blended motion's state, and the laws that
-make it quickest.
+"""What `robots.motion.blended_motion` does many thousand times a second: a blended motion's state, and the profiles
+that make it quickest.
 
-`tables` (3, 5, 8) are the laws along the first line, of the turn, and along the last line, which runs backwards.
+`tables` (3, 5, 8) are the profiles (`robots.motion.s_curve`) along the first line, of the turn, and along the last
+line, which runs backwards.
 `way` is the far ends (6,) of both lines, what raises the middle (6,), and the lines as splines: knots x (n + 1,) from 0
 to 1 and coefficients c (4, n, 6) as SciPy has them, n = 0 for no line. `machine` is the limits (3, 6) of the joints'
 velocity, acceleration and jerk, the arm of `robots.kinematics.chain`, the TCP (3,) in the flange frame and the limit of
@@ -19,8 +20,8 @@ from pickproof.cell.point import moved
 from pickproof.robots.kinematics.chain import flange
 from pickproof.robots.motion.s_curve import rise_table, s_curve_table, state, when
 
-LAWS = 7  # speed, acceleration, jerk of the turn; jerk and share of the first line, of the last line
-STEPS = (0.85, 0.95)  # factors by which the laws of a blended motion are varied, one round each
+FACTORS = 7  # of speed, acceleration, jerk of the turn; of jerk, and share, of the first line, of the last line
+STEPS = (0.85, 0.95)  # by which the factors of a blended motion are varied, one round each
 SHARES = (0.1, 0.7)  # of a line, over which the tool may speed up
 
 
@@ -51,11 +52,11 @@ def at_time(t, total, wait, tables, way, line, out):  # type: ignore[no-untyped-
         out[2, k] = d2 * v * v + d1 * a
         out[3, k] = 3.0 * d2 * v * a + d1 * j
     for end in range(2):
-        x, c, law = (x0, c0, tables[0]) if end == 0 else (x1, c1, tables[2])
+        x, c, profile = (x0, c0, tables[0]) if end == 0 else (x1, c1, tables[2])
         if c.shape[1] == 0:
             continue
         sign = 1.0 if end == 0 else -1.0
-        s, v, a, j = state(law, t if end == 0 else total - t)
+        s, v, a, j = state(profile, t if end == 0 else total - t)
         spline_at(x, c, s, line)
         for k in range(6):
             out[0, k] += line[0, k] - (far0[k] if end == 0 else far1[k])
@@ -107,26 +108,27 @@ def fastest(samples, total, wait, tables, way, machine, slowest):  # type: ignor
 
 
 @numba.njit(cache=True)
-def timing(laws, top, lines, levels, off):  # type: ignore[no-untyped-def]
+def timing(factors, top, lines, levels, off):  # type: ignore[no-untyped-def]
     """Tables (3, 5, 8) of first line, turn and last line, the turn's wait, and the duration of the whole.
 
     Args:
-        laws: (LAWS,). top: (3,) largest velocity, acceleration and jerk of the turn. lines: (2, 4) largest acceleration
-            and jerk along each line, its straight share, and how far the turn moves a corner there [m]; 0 for no line.
+        factors: (FACTORS,). top: (3,) largest velocity, acceleration and jerk of the turn. lines: (2, 4) largest
+            acceleration and jerk along each line, its straight share, and how far the turn moves a corner there [m]; 0
+            for no line.
         levels: (2,) of waiting. off: how far a corner may leave what must be straight [m].
     """
     tables, waits, kept = np.zeros((3, 5, 8)), np.zeros(2), np.zeros(2)
-    tables[1] = s_curve_table(top[0] * laws[0], top[1] * laws[1], top[2] * laws[2])
+    tables[1] = s_curve_table(top[0] * factors[0], top[1] * factors[1], top[2] * factors[2])
     for end in range(2):
         a, j, straight, reach = lines[end]
         if a == 0.0:
             continue
-        hard = laws[3 + 2 * end]
-        law = rise_table(a * hard * hard, j * hard, laws[4 + 2 * end])
-        kept[end] = when(law, straight)
-        least = max(kept[end] - (6.0 * off / (top[2] * laws[2] * reach)) ** (1 / 3), 0.0)
-        waits[end] = least + levels[end] * max(law[0, -1] - least, 0.0)
-        tables[2 * end] = law
+        hard = factors[3 + 2 * end]
+        profile = rise_table(a * hard * hard, j * hard, factors[4 + 2 * end])
+        kept[end] = when(profile, straight)
+        least = max(kept[end] - (6.0 * off / (top[2] * factors[2] * reach)) ** (1 / 3), 0.0)
+        waits[end] = least + levels[end] * max(profile[0, -1] - least, 0.0)
+        tables[2 * end] = profile
     # neither line is still travelled where the other must be straight
     total = max(tables[0, 0, -1] + kept[1], tables[2, 0, -1] + kept[0])
     return tables, waits[0], max(total, waits[0] + tables[1, 0, -1] + waits[1])
@@ -134,8 +136,8 @@ def timing(laws, top, lines, levels, off):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def quickest(starts, top, lines, levels, off, samples, way, machine):  # type: ignore[no-untyped-def]
-    """Laws (LAWS,) of the quickest blended motion found from those of `starts` (k, LAWS) on, and its seconds at full
-    speed."""
+    """Factors (FACTORS,) of the quickest blended motion found from those of `starts` (k, FACTORS) on, and its seconds
+    at full speed."""
     best, seconds = starts[0].copy(), np.inf
     for i in range(len(starts)):
         tables, wait, total = timing(starts[i], top, lines, levels, off)
@@ -143,7 +145,7 @@ def quickest(starts, top, lines, levels, off, samples, way, machine):  # type: i
         if scale > 0.0 and total / scale < seconds:
             best, seconds = starts[i].copy(), total / scale
     for step in STEPS:
-        for k in range(LAWS):
+        for k in range(FACTORS):
             if k > 2 and lines[(k - 3) // 2, 0] == 0.0:
                 continue
             for factor in (step, 1.0 / step):

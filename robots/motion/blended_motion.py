@@ -1,10 +1,10 @@
 """Motions that stop only where the process must: off a straight tool line, through the air, onto another line.
 
-Three laws run one over the other: along the line q1 away from the start, along the line q2 to the end, and the turn of
-all joints from the far end of the one to the far end of the other,
+Three motion profiles are added up: along the line q1 away from the start, along the line q2 to the end, and the turn
+of all joints from the far end of the one to the far end of the other,
     q(t) = q1(s1(t)) + d u + 4 b u (1 - u) + q2(s2(T - t)) - q2(1)   with d = q2(1) - q1(1), u = u(t - wait),
-where b raises the middle of the way over what stands there. Each law goes from rest to rest, so the sum is smooth for
-any wait: the joints that decide the time turn while others still lift, once the tool has left what must be straight.
+where b raises the middle of the way over what stands there. Each profile goes from rest to rest, so the sum is smooth
+for any wait: the joints that decide the time turn while others still lift, once the tool has left its straight part.
 What the sum does to the limits is measured, and the whole runs as fast as the tightest of them allows.
 """
 
@@ -114,12 +114,12 @@ class Between:
     def quickest(self, form: Form, speed: float) -> tuple[float, BlendedMotion]:
         """The quickest blended motion of a form, and about the seconds that it takes at `speed` of the arm's."""
         (way, top, lines), machine, levels = self._over(form.raised), self._machine(speed), np.array(form.waits)
-        laws, seconds = quickest(STARTS, top, lines, levels, OFF_LINE, SAMPLES, way, machine)
-        tables, wait, total = timing(laws, top, lines, levels, OFF_LINE)
+        factors, seconds = quickest(STARTS, top, lines, levels, OFF_LINE, SAMPLES, way, machine)
+        tables, wait, total = timing(factors, top, lines, levels, OFF_LINE)
         return seconds / speed, BlendedMotion(tables, way, wait, total)
 
     def scale(self, blend: BlendedMotion, speed: float) -> float:
-        """How many times as fast as its own laws a blended motion may run for the limits of joints and tool.
+        """How many times as fast as its own profiles a blended motion may run for the limits of joints and tool.
 
         They are measured at so many points that no phase is missed.
         """

@@ -1,4 +1,4 @@
-"""Whether the arm can bear a load: its payload, and the torques of a trajectory by inverse dynamics (Pinocchio)."""
+"""Whether the arm can carry a load: its payload, and the torques of a trajectory by inverse dynamics (Pinocchio)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def torques(robot: RobotModel, trajectory: Trajectory, load: Load | None = None)
 
 
 def bearable(robot: RobotModel, motion: Motion, scale: float, load: Load | None = None) -> float | Refusal:
-    """How many times as fast as its own law a motion may run, `scale` at most, or the joint that cannot even hold it.
+    """How many times as fast as its own profile a motion may run, `scale` at most, or the joint that cannot hold it.
 
     Torques are those of gravity and, with the square of the scale, of the motion.
     """

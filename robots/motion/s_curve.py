@@ -1,7 +1,7 @@
-"""Time laws of one parameter that runs from 0 to 1, from rest to rest, in phases of constant jerk, compiled by numba.
+"""Motion profiles s(t) from 0 to 1, from rest to rest, in phases of constant jerk, compiled by numba.
 
-A law is a table (5, 8): the times at which its phases begin in [s], and s and its first three derivatives there. The
-last phase is rest.
+A profile is a table (5, 8): the times at which its phases begin in [s], and s and its first three derivatives there.
+The last phase is rest.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ PHASES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class Profile:
     """s(t), see the module for its table (5, 8)."""
 
     table: Array
@@ -33,14 +33,14 @@ class Law:
         return np.array([state(self.table, t) for t in times]).reshape(-1, 4).T
 
 
-def s_curve(velocity: float, acceleration: float, jerk: float) -> Law:
-    """The quickest law within limits of the derivatives of s."""
-    return Law(s_curve_table(velocity, acceleration, jerk))
+def s_curve(velocity: float, acceleration: float, jerk: float) -> Profile:
+    """The S-curve: the quickest profile within limits of the derivatives of s."""
+    return Profile(s_curve_table(velocity, acceleration, jerk))
 
 
-def rise(acceleration: float, jerk: float, share: float) -> Law:
-    """Hard off from rest over the first `share` of the way, within limits, and softly to rest."""
-    return Law(rise_table(acceleration, jerk, share))
+def rise(acceleration: float, jerk: float, share: float) -> Profile:
+    """A quick start over the first `share` of the way, within limits, then a gentle stop."""
+    return Profile(rise_table(acceleration, jerk, share))
 
 
 @numba.njit(cache=True)
@@ -71,7 +71,7 @@ def when(table, s):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def s_curve_table(v, a, j):  # type: ignore[no-untyped-def]
-    """Of `s_curve`."""
+    """Table of `s_curve`."""
     ramp = min(min((0.5 / j) ** (1 / 3), math.sqrt(v / j)), a / j)
     top = j * ramp
     # the distance without cruise, top * (ramp + hold) * (2 ramp + hold), is 1 at most
@@ -83,7 +83,7 @@ def s_curve_table(v, a, j):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def rise_table(a, j, share):  # type: ignore[no-untyped-def]
-    """Of `rise`."""
+    """Table of `rise`."""
     ramp = min((share / j) ** (1 / 3), a / j)
     hold = max((math.sqrt(ramp**2 + 8.0 * share / (j * ramp)) - 3.0 * ramp) / 2.0, 0.0)
     top = j * ramp * (ramp + hold)

@@ -1,4 +1,4 @@
-"""Time laws: how fast a joint move or a joint path may run within velocity, acceleration and jerk limits (Ruckig)."""
+"""Motion profiles: how fast joints may move, straight or along a path, within velocity, acceleration, jerk (Ruckig)."""
 
 from __future__ import annotations
 
@@ -25,10 +25,12 @@ class JointPath:
 
     @cached_property
     def start(self) -> Array:
+        """q (6,) [rad] at s = 0."""
         return np.asarray(self.spline(0.0))
 
     @cached_property
     def end(self) -> Array:
+        """q (6,) [rad] at s = 1."""
         return np.asarray(self.spline(1.0))
 
     @cached_property
@@ -62,6 +64,7 @@ class JointSegment:
 
     @property
     def duration(self) -> float:
+        """[s] from start to end."""
         return float(self.profile.duration)
 
     @cached_property
@@ -99,6 +102,7 @@ class PathSegment:
 
     @property
     def duration(self) -> float:
+        """[s] from start to end."""
         return float(self.profile.duration)
 
     def at(self, times: Array) -> tuple[Array, Array]:
@@ -161,7 +165,7 @@ def joint_segment(model: RobotModel, q0: Array, q1: Array) -> JointSegment:
     x.synchronization = ruckig.Synchronization.Phase
     profile = _solve(x)
     if profile is None:
-        raise ValueError(f"no time law from {q0} to {q1}")
+        raise ValueError(f"no motion profile from {q0} to {q1}")
     return JointSegment(profile)
 
 

@@ -127,7 +127,7 @@ def path_motion(model: RobotModel, path: JointPath) -> Motion:
     """The motion of `follow`."""
     segment = path_segment(model, path)
     if segment is None:
-        raise ValueError("no time law along the path")
+        raise ValueError("no motion profile along the path")
     return Motion((segment,), path.end)
 
 

@@ -13,7 +13,9 @@ from pickproof.robots.motion.stop import Line, Pace
 from pickproof.robots.motion.timing import Motion, rest_to_rest
 from pickproof.robots.motion.trajectory import move_motion, path_motion
 from pickproof.robots.plan.free_motion import duration
-from pickproof.robots.plan.pick_plan import UP, PickPlan, PickRequest
+from pickproof.robots.plan.pick_plan import PickPlan
+from pickproof.robots.plan.pick_request import PickRequest
+from pickproof.robots.plan.pick_stops import UP
 
 
 def lower_bound(robot: RobotModel, plan: PickPlan) -> float:
@@ -31,18 +33,18 @@ def stop_at_each(robot: RobotModel, request: PickRequest, plan: PickPlan) -> flo
     Infinite where one of the lines, which the plan may have cut short, cannot be travelled to its end.
     """
     free, slow = request.free, request.slow
-    T_flange_grasp = request.T_base_tool_grasp @ invert(request.T_flange_tool)
+    T_flange_grasp = request.T_base_tool_grasp @ invert(request.hand.T_flange_tool)
     q_grasp, q_place = plan.lift.q[0], plan.carry.q[-1]
-    T_flange_place = request.Ts_base_tool_place[plan.place] @ invert(request.T_flange_tool)
+    T_flange_place = request.places.Ts_base_tool[plan.place] @ invert(request.hand.T_flange_tool)
     into = Line(robot, T_flange_grasp, q_grasp, request.way_back)
-    out = Line(robot, T_flange_grasp, q_grasp, request.retract * np.array(request.retract_direction))
-    down = Line(robot, T_flange_place, q_place, request.place_height * UP)
+    out = Line(robot, T_flange_grasp, q_grasp, request.lines.retract * np.array(request.lines.retract_direction))
+    down = Line(robot, T_flange_place, q_place, request.lines.place * UP)
     paths = [line.path for line in (into, out, down)]
     if any(isinstance(path, Refusal) for path in paths):
         return float("inf")
     above_grasp, lifted, above_place = (np.asarray(path.end) for path in paths if not isinstance(path, Refusal))
     # Coming from the last place, as high above it as above this one.
-    q_over = above_place if request.depart else request.q_start
+    q_over = above_place if request.lines.depart else request.q_start
     motions: list[tuple[Motion, Pace]] = [
         (move_motion(robot, q_over, above_grasp), free),
         (move_motion(robot, lifted, above_place), slow),
@@ -50,6 +52,6 @@ def stop_at_each(robot: RobotModel, request: PickRequest, plan: PickPlan) -> flo
     for path, pace in zip(paths, (free, slow, slow), strict=True):
         if not isinstance(path, Refusal):
             motions.append((path_motion(robot, path), pace))
-            if path is paths[2] and request.depart:
+            if path is paths[2] and request.lines.depart:
                 motions.append((path_motion(robot, path), free))
     return sum(duration(robot, motion, pace) for motion, pace in motions)

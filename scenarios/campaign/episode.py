@@ -11,6 +11,7 @@ import numpy as np
 from pickproof.cell.sensing.camera import DepthFrame
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.scenarios.campaign.job import Job
+from pickproof.scenarios.config.scenario import PerceptionConfig
 from pickproof.scenarios.picking.cell_model import SOURCE
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.pick import Perceive, attempt_pick
@@ -29,7 +30,7 @@ def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> Episod
     """Fill the bin in the order of the job's seed and pick until the end; each attempt is handed on as it ends."""
     start = time.perf_counter()
     scenario, exact = job.scenario, "perception" in job.oracle
-    perceive = oracle_perception if exact else ps6d(scenario.workpiece, scenario.perception.min_score)
+    perceive = oracle_perception if exact else trained_or_search(scenario.workpiece, scenario.perception)
     cell = Workcell.build(scenario, job.seed, job.pictures, job.oracle)
     recorder = recorder_of(cell, job.keep)
     try:
@@ -81,14 +82,14 @@ def oracle_perception(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: n
 
 
 @lru_cache(maxsize=4)
-def ps6d(workpiece: str, min_score: float) -> Perceive:
-    """PS6D with the workpiece's shipped weights, loaded once a process."""
+def trained_or_search(workpiece: str, settings: PerceptionConfig) -> Perceive:
+    """The scenario's method of perception, loaded once a process."""
     from pickproof.perception.estimate import Perception
     from pickproof.perception.refinement.refine import RefineConfig
     from pickproof.perception.refinement.verify import VerifyConfig
 
-    config = RefineConfig(verify=VerifyConfig(min_score=min_score))
-    perception = Perception.load(load_workpiece(workpiece), config=config)
+    config = RefineConfig(verify=VerifyConfig(min_score=settings.min_score))
+    perception = Perception.load(load_workpiece(workpiece), config=config, method=settings.method)
 
     def perceive(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
         found = perception.perceive(frame, cell.source, rng).estimates

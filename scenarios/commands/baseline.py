@@ -2,59 +2,68 @@
 
 from __future__ import annotations
 
-import argparse
-import shlex
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from pickproof.scenarios.commands.arguments import (
-    MAX_SEED,
-    add_change_arguments,
-    file_to_write,
-    folder_to_write,
+    FILE_TO_WRITE,
+    FOLDER_TO_WRITE,
+    Flat,
+    ScenarioChanges,
+    Seed,
+    about,
     integer,
 )
-from pickproof.scenarios.comparison.baseline import Baseline, Execution, baseline_of, write_baseline
-from pickproof.scenarios.config.scenario import load_scenario
-from pickproof.scenarios.results.broken_campaign import check_ran
-from pickproof.scenarios.results.store import FILE
+from pickproof.scenarios.commands.invocation import command_line
+
+if TYPE_CHECKING:
+    from pickproof.scenarios.comparison.baseline import Baseline
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof baseline`."""
-    parser.add_argument(
-        "source", metavar="SCENARIO|DIR", help="a scenario to run, or the folder of a campaign that was run"
-    )
-    parser.add_argument("--baseline", type=file_to_write, metavar="FILE", help="default: NAME.baseline.json")
-    parser.add_argument("--episodes", type=integer(1, 100_000), default=200, metavar="N", help="bins (default 200)")
-    parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    parser.add_argument("--whole", action="store_true", help="run whole episodes, not their first attempts alone")
-    parser.add_argument(
-        "--out", type=folder_to_write, metavar="DIR", help="results of the run; default: out/baseline-SCENARIO"
-    )
-    parser.add_argument("--resume", action="store_true", help="continue the run in --out")
-    add_change_arguments(parser)
+@dataclass(frozen=True, kw_only=True)
+class BaselineOptions(ScenarioChanges):
+    """Options of `pickproof baseline`."""
+
+    baseline: Annotated[Path | None, FILE_TO_WRITE, about("default: NAME.baseline.json")] = None
+    episodes: Annotated[int, integer(1, 100_000), about("bins")] = 200
+    seed: Seed = None
+    whole: Annotated[bool, about("run whole episodes, not their first attempts alone")] = False
+    out: Annotated[Path | None, FOLDER_TO_WRITE, about("results of the run; default: out/baseline-SCENARIO")] = None
+    resume: Annotated[bool, about("continue the run in --out")] = False
 
 
-def main(args: argparse.Namespace) -> int:
+def baseline(
+    source: Annotated[str, about("a scenario to run, or the folder of a campaign that was run")],
+    /,
+    *,
+    options: Annotated[BaselineOptions, Flat] = BaselineOptions(),
+) -> int:
     """`pickproof baseline SCENARIO|DIR`."""
-    folder = Path(args.source)
-    baseline = baseline_of(folder) if (folder / FILE).is_file() else _run(args)
-    path = write_baseline(args.baseline or Path(f"{baseline.name}.baseline.json"), baseline)
-    first = sum(o.first for o in baseline.outcomes)
-    print(f"wrote {path}: {len(baseline.rows)} episodes, {first} first attempts succeeded")
+    from pickproof.scenarios.comparison.baseline import baseline_of, write_baseline
+    from pickproof.scenarios.results.store import FILE
+
+    folder = Path(source)
+    found = baseline_of(folder) if (folder / FILE).is_file() else _run(source, options)
+    path = write_baseline(options.baseline or Path(f"{found.name}.baseline.json"), found)
+    first = sum(o.first for o in found.outcomes)
+    print(f"wrote {path}: {len(found.rows)} episodes, {first} first attempts succeeded")
     return 0
 
 
-def _run(args: argparse.Namespace) -> Baseline:
+def _run(name: str, options: BaselineOptions) -> Baseline:
     from pickproof.scenarios.campaign.episode import run_episode
+    from pickproof.scenarios.comparison.baseline import Execution, baseline_of
+    from pickproof.scenarios.config.scenario import load_scenario
     from pickproof.scenarios.picking.workcell import check_inputs
+    from pickproof.scenarios.results.broken_campaign import check_ran
 
-    scenario = load_scenario(args.source, args.set)
-    oracle = frozenset(args.oracle)
+    scenario = load_scenario(name, list(options.set))
+    oracle = frozenset[str](options.oracle)
     check_inputs(scenario, oracle)
-    out = args.out or Path("out") / f"baseline-{scenario.name}"
-    how = Execution(out, run_episode, args.workers, oracle, args.resume, f"pickproof {shlex.join(args.words)}")
-    seed = scenario.seed if args.seed is None else args.seed
-    how.run(scenario, "success" if args.whole else "first_attempt", seed, args.episodes)
+    out = options.out or Path("out") / f"baseline-{scenario.name}"
+    how = Execution(out, run_episode, options.workers, oracle, options.resume, command_line())
+    seed = scenario.seed if options.seed is None else options.seed
+    how.run(scenario, "success" if options.whole else "first_attempt", seed, options.episodes)
     check_ran(out)
     return baseline_of(out)

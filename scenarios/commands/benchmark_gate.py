@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
+from typing import Annotated
 
-from rich.console import Console
-
-from pickproof.scenarios.commands.arguments import file_to_write, integer
-from pickproof.scenarios.comparison.gate_calibration import calibrate, print_tables
-from pickproof.scenarios.files.atomic import write_json
+from pickproof.scenarios.commands.arguments import MAX_SEED, JsonFile, about, integer
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof benchmark gate`."""
-    parser.add_argument(
-        "--campaigns", type=integer(10, 1_000_000), default=10_000, metavar="N", help="simulated gates (default 10000)"
-    )
-    parser.add_argument("--seed", type=integer(0, 2**31 - 1), default=0, metavar="S", help="of the simulation")
-    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures as JSON")
-
-
-def main(args: argparse.Namespace) -> int:
+def benchmark_gate(
+    *,
+    campaigns: Annotated[int, integer(10, 1_000_000), about("simulated gates")] = 10_000,
+    seed: Annotated[int, integer(0, MAX_SEED), about("of the simulation")] = 0,
+    json: JsonFile = None,
+) -> int:
     """`pickproof benchmark gate`."""
-    found = calibrate(args.campaigns, args.seed)
+    from rich.console import Console
+
+    from pickproof.scenarios.comparison.gate_calibration import calibrate, print_tables
+    from pickproof.scenarios.files.atomic import write_json
+
+    found = calibrate(campaigns, seed)
     print_tables(Console(), found)
-    if args.json:
-        write_json(args.json, found)
+    if json:
+        write_json(json, found)
     return 0

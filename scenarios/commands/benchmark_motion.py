@@ -1,229 +1,43 @@
-"""`pickproof benchmark motion`: how quick the arm is on real picks, beside what limits allow, and what planning costs.
-
-Bins are filled and grasps chosen as in a run, with perfect poses; each pick is planned from where the last one ended,
-its workpiece is put where the plan lets it go, and the next image is taken. Nothing is executed: jaws are timed by
-`jaw_times`, which a test holds against the physics. Times of computation are those of one core.
-"""
+"""`pickproof benchmark motion`: how quick the arm is on real picks, beside what limits allow."""
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
-
-import numpy as np
-from rich.console import Console
-from rich.table import Table
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pickproof.cell.errors import InputError
-from pickproof.cell.frames import Array, invert
-from pickproof.cell.physics.trajectory_execution import jaw_times
-from pickproof.robots.collision.scene import CollisionScene
-from pickproof.robots.kinematics.inverse import inverse
-from pickproof.robots.kinematics.model import RobotModel
-from pickproof.robots.plan.pick_plan import PickPlan, PickRequest
-from pickproof.robots.plan.time_bound import lower_bound, stop_at_each
-from pickproof.scenarios.campaign.episode import oracle_perception
-from pickproof.scenarios.commands.arguments import file_to_write, integer
-from pickproof.scenarios.config.scenario import Scenario, load_scenario
-from pickproof.scenarios.files.atomic import write_json
-from pickproof.scenarios.picking.arm_planner import request_of
-from pickproof.scenarios.picking.episode_state import EpisodeState
-from pickproof.scenarios.picking.execution import release_opening
-from pickproof.scenarios.picking.grasp_selection import choose
-from pickproof.scenarios.picking.heap_heightmap import Scan
-from pickproof.scenarios.picking.plan_selection import decide
-from pickproof.scenarios.picking.stages import Decision
-from pickproof.scenarios.picking.workcell import Workcell
+from pickproof.scenarios.commands.arguments import JsonFile, about, integer
 
-PICKS_OF_A_BIN = 14
-"""Fewer than half of the workpieces: a bin that is nearly empty is another task."""
-REPEATS = 3
-"""Times each pick is planned; the quickest counts, as the machine may be busy."""
+if TYPE_CHECKING:
+    from pickproof.scenarios.config.scenario import Scenario
 
 
-@dataclass(frozen=True)
-class Measured:
-    """One pick.
+def benchmark_motion(
+    scenario: Annotated[str, about("a name that `pickproof list` shows, or a YAML file")] = "bracket",
+    /,
+    *,
+    picks: Annotated[int, integer(2, 10_000), about("picks that are planned")] = 42,
+    json: JsonFile = None,
+) -> int:
+    """`pickproof benchmark motion`."""
+    from pickproof.scenarios.campaign.motion_times import measure, summary
+    from pickproof.scenarios.config.scenario import load_scenario
+    from pickproof.scenarios.files.atomic import write_json
 
-    Attributes:
-        steady: it began where another ended, not at home.
-        motion_s: of the plan; jaws_s: closing and opening; the workpiece falls while the next image is taken.
-        bound_s: of the motion; stop_s: of the motion that stops at every point.
-        plan_s: of choosing among the candidates and planning, scene and height field included.
-        ik_s: of one pose; collision_s: of one check.
-    """
-
-    steady: bool
-    motion_s: float
-    jaws_s: float
-    bound_s: float
-    stop_s: float
-    plan_s: float
-    ik_s: float
-    collision_s: float
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof benchmark motion`."""
-    parser.add_argument("scenario", nargs="?", default="bracket", metavar="SCENARIO", help="default: bracket")
-    parser.add_argument(
-        "--picks", type=integer(2, 10_000), default=42, metavar="N", help="picks that are planned (default 42)"
-    )
-    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the figures to FILE")
-
-
-def main_benchmark_motion(args: argparse.Namespace) -> int:
-    """Run `pickproof benchmark motion`."""
-    scenario = load_scenario(args.scenario)
-    measured = list(measure(scenario, args.picks))
+    chosen = load_scenario(scenario)
+    measured = list(measure(chosen, picks))
     if not any(m.steady for m in measured):
-        raise InputError(
-            "command line", "SCENARIO", args.scenario, "one whose workpieces can be picked one after another"
-        )
+        raise InputError("command line", "SCENARIO", scenario, "one whose workpieces can be picked one after another")
     figures = summary(measured)
-    if args.json is not None:
-        write_json(args.json, figures)
-    _show(figures, scenario)
+    if json is not None:
+        write_json(json, figures)
+    _show(figures, chosen)
     return 0
 
 
-def measure(scenario: Scenario, picks: int) -> Iterator[Measured]:
-    """That many picks, from as many bins as it takes; a bin that offers nothing more is left."""
-    done, seed = 0, scenario.seed
-    while done < picks:
-        cell = Workcell.build(scenario, seed)
-        try:
-            for one in _empty(cell, seed, min(PICKS_OF_A_BIN, picks - done)):
-                done += 1
-                yield one
-        finally:
-            cell.close()
-        seed += 1
-        if seed - scenario.seed > picks:
-            return
-
-
-def summary(measured: list[Measured]) -> dict[str, Any]:
-    """The figures as they are written: times of the robot over the picks that began where another ended.
-
-    `cycle_over_bound` holds the whole cycle against the bound of its motion and the same time of the jaws, which no
-    motion can save; `motion_over_bound` the motion against the bound of the motion.
-    """
-    steady = [m for m in measured if m.steady]
-    motion, jaws, bound, stop = (
-        np.array([getattr(m, name) for m in steady]) for name in ("motion_s", "jaws_s", "bound_s", "stop_s")
-    )
-    cycle, whole = motion + jaws, np.isfinite(stop)  # not every plan's lines can be travelled to their ends
-    plan_ms = 1e3 * np.array([m.plan_s for m in measured])
-    return {
-        "picks": len(measured),
-        "cycle_s": {"mean": float(cycle.mean()), "p95": float(np.quantile(cycle, 0.95))},
-        "motion_s": float(motion.mean()),
-        "jaws_s": float(jaws.mean()),
-        "bound_s": float((bound + jaws).mean()),
-        "cycle_over_bound": float(cycle.mean() / (bound + jaws).mean()),
-        "motion_over_bound": float(motion.mean() / bound.mean()),
-        "stop_at_each_s": float((stop + jaws)[whole].mean()) if whole.any() else None,
-        "ik_us": 1e6 * min(m.ik_s for m in measured),
-        "collision_us": 1e6 * float(np.median([m.collision_s for m in measured])),
-        "plan_ms": {"median": float(np.median(plan_ms)), "p99": float(np.quantile(plan_ms, 0.99))},
-    }
-
-
-def _empty(cell: Workcell, seed: int, picks: int) -> Iterator[Measured]:
-    """Picks of one bin, one after the other."""
-    state = EpisodeState.of(cell)
-    for attempt in range(picks):
-        rng = np.random.default_rng((seed, 1, attempt))
-        frame, ids = cell.capture(rng)
-        estimates = oracle_perception(cell, frame, ids, rng)
-        selection = choose(cell, frame, estimates, state, attempt)
-        plan_seed = int(rng.integers(2**31))
-        plan_s, decision = _quickest(partial(decide, cell, frame, selection, state, plan_seed))
-        if decision.candidate is None or decision.plan is None:
-            return
-        request = request_of(cell, decision.candidate, state, plan_seed)
-        scene = CollisionScene(
-            cell.robot,
-            cell.gripper.flange_boxes(decision.candidate.opening),
-            cell.obstacles,
-            Scan.of(cell, frame).field,
-        )
-        yield _measured(cell, scene, request, decision, state.waits_at is not None, plan_s)
-        _carry_out(cell, request, decision, estimates.Ts_world_part[decision.candidate.estimate], state)
-
-
-def _measured(
-    cell: Workcell, scene: CollisionScene, request: PickRequest, decision: Decision, steady: bool, plan_s: float
-) -> Measured:
-    plan, candidate = decision.plan, decision.candidate
-    assert plan is not None and candidate is not None
-    place = request.Ts_base_tool_place[plan.place]
-    closing, opening = jaw_times(
-        cell.arm.jaw,
-        candidate.opening,
-        candidate.point.width,
-        release_opening(cell, cell.new_place(), candidate.opening, place),
-    )
-    return Measured(
-        steady=steady,
-        motion_s=plan.duration,
-        jaws_s=closing + opening,
-        bound_s=lower_bound(cell.robot, plan),
-        stop_s=stop_at_each(cell.robot, request, plan),
-        plan_s=plan_s,
-        ik_s=_ik_time(cell.robot, request),
-        collision_s=_collision_time(scene, request, plan),
-    )
-
-
-def _carry_out(
-    cell: Workcell, request: PickRequest, decision: Decision, T_world_part: Array, state: EpisodeState
-) -> None:
-    """Put the workpiece where the plan lets it go and let everything come to rest; the arm waits there."""
-    plan, candidate = decision.plan, decision.candidate
-    assert plan is not None and candidate is not None
-    distances = np.linalg.norm(cell.world.part_poses()[:, :3, 3] - T_world_part[:3, 3], axis=1)
-    T_world_placed = request.Ts_base_tool_place[plan.place] @ invert(candidate.T_part_tool)
-    cell.world.place_part(int(np.argmin(distances)), T_world_placed)
-    cell.world.run_until_rest(2.0)
-    state.placed.add(T_world_placed, state.place.fall)
-    state.place.fill(plan.place)
-    state.waits_at = plan.carry.q[-1]
-    state.opened = release_opening(cell, cell.new_place(), candidate.opening, request.Ts_base_tool_place[plan.place])
-
-
-def _ik_time(robot: RobotModel, request: PickRequest) -> float:
-    """Of one flange pose among 1,000, in [s]."""
-    Ts = request.Ts_base_tool_place @ invert(request.T_flange_tool)
-    Ts = np.concatenate([Ts] * (1000 // len(Ts) + 1))[:1000]
-    return _quickest(lambda: inverse(robot, Ts, request.q_start))[0] / len(Ts)
-
-
-def _collision_time(scene: CollisionScene, request: PickRequest, plan: PickPlan) -> float:
-    """Of one check of arm, tool and held part on the way to the place, in [s]."""
-    scene.hold(request.held.seen_from(request.T_flange_tool))
-    rows = plan.carry.q[:: max(1, len(plan.carry.q) // 50)]
-    seconds, _ = _quickest(lambda: [scene.free(q) for q in rows])
-    scene.release()
-    return seconds / len(rows)
-
-
-def _quickest(call: Callable[[], Any]) -> tuple[float, Any]:
-    """Processor time in [s] and the result."""
-    seconds, result = np.inf, None
-    for _ in range(REPEATS):
-        start = time.process_time()
-        result = call()
-        seconds = min(seconds, time.process_time() - start)
-    return float(seconds), result
-
-
 def _show(figures: dict[str, Any], scenario: Scenario) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(title=f"motion: {figures['picks']} picks of {scenario.name}, {scenario.robot}", show_header=False)
     cycle, plan, stopping = figures["cycle_s"], figures["plan_ms"], figures["stop_at_each_s"]
     rows = (

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import Annotated
 
-from rich.console import Console
-
-from pickproof.scenarios.commands.arguments import file_to_write, some_path
-from pickproof.scenarios.comparison.compare import compare, print_comparison
-from pickproof.scenarios.files.atomic import write_json
+from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, SOME_PATH, about
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof compare`."""
-    parser.add_argument("a", type=some_path, metavar="A", help="folder of a campaign")
-    parser.add_argument("b", type=some_path, metavar="B", help="folder of another over the same bins")
-    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the comparison as JSON too")
-
-
-def main(args: argparse.Namespace) -> int:
+def compare(
+    a: Annotated[Path, SOME_PATH, about("folder of a campaign")],
+    b: Annotated[Path, SOME_PATH, about("folder of another over the same bins")],
+    /,
+    *,
+    json: Annotated[Path | None, FILE_TO_WRITE, about("write the comparison to this file as JSON")] = None,
+) -> int:
     """`pickproof compare A B`."""
-    comparison = compare(args.a, args.b)
-    if args.json:
-        document: dict[str, Any] = {"a": str(args.a), "b": str(args.b), **asdict(comparison)}
-        write_json(args.json, document)
-    print_comparison(Console(), comparison, args.a, args.b)
+    from rich.console import Console
+
+    from pickproof.scenarios.comparison.compare import compare as compare_campaigns
+    from pickproof.scenarios.comparison.compare_text import print_comparison
+    from pickproof.scenarios.files.atomic import write_json
+
+    comparison = compare_campaigns(a, b)
+    if json:
+        write_json(json, {"a": str(a), "b": str(b), **asdict(comparison)})
+    print_comparison(Console(), comparison, a, b)
     return 0

@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-import argparse
-import json
+import json as json_module
+from typing import Annotated
 
-from rich.console import Console
-
-from pickproof.scenarios.commands.arguments import some_path
-from pickproof.scenarios.reporting.explain import ESTIMATES_SHOWN, explain
-from pickproof.scenarios.results.store import Store
+from pickproof.scenarios.commands.arguments import AttemptIndex, ResultsFolder, about
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Of the command `explain`."""
-    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
-    parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
-    parser.add_argument("--all", action="store_true", help=f"all estimates, not the first {ESTIMATES_SHOWN}")
-    parser.add_argument("--json", action="store_true", help="print the tree as JSON")
+def explain(
+    directory: ResultsFolder,
+    /,
+    *,
+    attempt: AttemptIndex,
+    all: Annotated[bool, about("all estimates, not the first ones alone")] = False,
+    json: Annotated[bool, about("print the tree as JSON")] = False,
+) -> int:
+    """`pickproof explain DIR --attempt N`."""
+    from rich.console import Console
 
+    from pickproof.scenarios.reporting.explain import ESTIMATES_SHOWN
+    from pickproof.scenarios.reporting.explain import explain as print_explanation
+    from pickproof.scenarios.results.store import Store
 
-def main(args: argparse.Namespace) -> int:
-    """Run the command; returns the exit code."""
-    with Store.read(args.directory) as store:
-        attempt = store.nth_attempt(args.attempt)
-    if args.json:
-        head = {"seed": attempt.seed, "attempt": attempt.attempt, "success": attempt.success, "reason": attempt.reason}
-        print(json.dumps(head | {"grasp": attempt.grasp, "tree": attempt.tree}, indent=2))
+    with Store.read(directory) as store:
+        found = store.nth_attempt(attempt)
+    if json:
+        head = {"seed": found.seed, "attempt": found.attempt, "success": found.success, "reason": found.reason}
+        print(json_module.dumps(head | {"grasp": found.grasp, "tree": found.tree}, indent=2))
     else:
-        explain(attempt, int(args.attempt), Console(), None if args.all else ESTIMATES_SHOWN)
+        print_explanation(found, int(attempt), Console(), None if all else ESTIMATES_SHOWN)
     return 0

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
+from typing import Annotated
 
-from pickproof.scenarios.commands.arguments import file_to_write, some_path
-from pickproof.scenarios.reporting.parquet import to_table, write_parquet
-from pickproof.scenarios.results.campaign_results import CampaignResults
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof export`."""
-    parser.add_argument("directory", type=some_path, metavar="DIR", help="folder of a campaign")
-    parser.add_argument(
-        "--parquet", type=file_to_write, required=True, metavar="FILE", help="written whole or not at all"
-    )
+from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, ResultsFolder, about
 
 
-def main(args: argparse.Namespace) -> int:
+def export(
+    directory: ResultsFolder,
+    /,
+    *,
+    parquet: Annotated[Path, FILE_TO_WRITE, about("written whole or not at all")],
+) -> int:
     """`pickproof export DIR --parquet FILE`."""
-    table = to_table(CampaignResults.open(args.directory))
-    write_parquet(table, args.parquet)
-    print(f"wrote {args.parquet}: {table.num_rows} attempts, {table.num_columns} columns")
+    from pickproof.scenarios.reporting.parquet import to_table, write_parquet
+    from pickproof.scenarios.results.campaign_results import CampaignResults
+
+    table = to_table(CampaignResults.open(directory))
+    write_parquet(table, parquet)
+    print(f"wrote {parquet}: {table.num_rows} attempts, {table.num_columns} columns")
     return 0

@@ -2,51 +2,30 @@
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
+from typing import Annotated
 
-from rich.console import Console
-
-from pickproof.cell.errors import InputError
-from pickproof.cell.grippers.registry import load_gripper
-from pickproof.robots.kinematics.model import load_robot
-from pickproof.robots.program.tp_program import write_program
-from pickproof.robots.program.waypoints import waypoints_from_json
-from pickproof.scenarios.commands.arguments import file_to_write, integer, some_path
-from pickproof.scenarios.config.scenario import Scenario
-from pickproof.scenarios.results.store import Store
+from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, AttemptIndex, ResultsFolder, about, integer
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Of the command `export-program`."""
-    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
-    parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
-    parser.add_argument("--name", default="", help="of the program (default PICK_N)")
-    parser.add_argument(
-        "--output",
-        type=integer(1, 999),
-        default=1,
-        metavar="N",
-        help="robot output RO[N] that closes the gripper (default 1)",
-    )
-    parser.add_argument("--out", type=file_to_write, default=None, help="file (default DIR/NAME.LS)")
+def export_program(
+    directory: ResultsFolder,
+    /,
+    *,
+    attempt: AttemptIndex,
+    name: Annotated[str, about("of the program; default: PICK_N")] = "",
+    output: Annotated[int, integer(1, 999), about("number of the robot output that closes the gripper, RO[N]")] = 1,
+    out: Annotated[Path | None, FILE_TO_WRITE, about("default: DIR/NAME.LS")] = None,
+) -> int:
+    """`pickproof export-program DIR --attempt N`."""
+    from pickproof.cell.errors import InputError
+    from pickproof.scenarios.reporting.tp_export import program_of
 
-
-def main(args: argparse.Namespace) -> int:
-    """Run the command; returns the exit code."""
-    with Store.read(args.directory) as store:
-        attempt = store.nth_attempt(args.attempt)
-        scenario = Scenario.model_validate_json(store.meta()["scenario"])
-    if not attempt.waypoints:
-        raise InputError("command line", "--attempt", args.attempt, "an attempt in which the arm moved")
-    name = args.name or f"PICK_{int(args.attempt)}"
-    robot, gripper = load_robot(scenario.robot), load_gripper(scenario.gripper)
-    text = write_program(
-        robot, waypoints_from_json(attempt.waypoints), gripper.T_flange_tool, name, scenario.name, output=args.output
-    )
-    path = args.out or args.directory / f"{name}.LS"
+    name, text = program_of(directory, attempt, name, output)
+    path = out or directory / f"{name}.LS"
     try:
         path.write_text(text, encoding="ascii")
     except OSError as error:
         raise InputError("command line", "--out", str(path), f"a file that can be written ({error.strerror})") from None
-    Console().print(f"wrote {path}", soft_wrap=True)
+    print(f"wrote {path}")
     return 0

@@ -2,81 +2,82 @@
 
 from __future__ import annotations
 
-import argparse
-import shlex
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.commands.arguments import (
-    add_scenario_arguments,
-    file_to_write,
-    folder_to_write,
-    fraction,
+    FILE_TO_WRITE,
+    FOLDER_TO_WRITE,
+    FRACTION,
+    SOME_PATH,
+    Flat,
+    ScenarioChanges,
+    ScenarioName,
+    about,
     integer,
-    some_path,
 )
-from pickproof.scenarios.comparison.baseline import Execution, read_baseline
-from pickproof.scenarios.comparison.gate import EXIT, check_gate, junit, run_gate
-from pickproof.scenarios.comparison.paired import MEASURES
-from pickproof.scenarios.config.scenario import load_scenario
-from pickproof.scenarios.files.atomic import free_folder, write_json, write_whole
-from pickproof.scenarios.results.broken_campaign import check_ran
-from pickproof.scenarios.results.store import FILE
-from pickproof.scenarios.statistics.sequential_test import Rule
+from pickproof.scenarios.commands.invocation import command_line
+
+Measure = Literal["first_attempt", "success", "clearance"]
+"""`comparison.paired.MEASURES` as a type; a test holds them equal."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof gate`."""
-    rule = Rule()
-    add_scenario_arguments(parser)
-    parser.add_argument(
-        "--baseline", type=some_path, required=True, metavar="FILE", help="that `pickproof baseline` wrote"
-    )
-    parser.add_argument("--measure", choices=MEASURES, default=MEASURES[0], help="default: first_attempt")
-    parser.add_argument("--margin", type=fraction, default=rule.margin, help="loss that must not pass (default 0.02)")
-    parser.add_argument("--alpha", type=fraction, default=rule.alpha, help="chance of a false alarm (default 0.05)")
-    parser.add_argument(
-        "--power", type=fraction, default=rule.power, help="1 - chance to pass what lost the margin (default 0.9)"
-    )
-    parser.add_argument(
-        "--max-episodes", type=integer(1, 100_000), metavar="N", help="default: all that the baseline holds"
-    )
-    parser.add_argument("--out", type=folder_to_write, metavar="DIR", help="default: out/gate-SCENARIO")
-    parser.add_argument("--resume", action="store_true", help="continue the gate in --out")
-    parser.add_argument("--json", type=file_to_write, metavar="FILE", help="write the result as JSON")
-    parser.add_argument("--junit", type=file_to_write, metavar="FILE", help="write the result as JUnit XML")
+@dataclass(frozen=True, kw_only=True)
+class GateOptions(ScenarioChanges):
+    """Options of `pickproof gate`; the defaults of margin, alpha and power are those of `Rule`."""
+
+    baseline: Annotated[Path, SOME_PATH, about("that `pickproof baseline` wrote")]
+    measure: Annotated[Measure, about("what is compared")] = "first_attempt"
+    margin: Annotated[float, FRACTION, about("loss that must not pass")] = 0.02
+    alpha: Annotated[float, FRACTION, about("chance of a false alarm")] = 0.05
+    power: Annotated[float, FRACTION, about("1 - chance to pass what lost the margin")] = 0.9
+    max_episodes: Annotated[
+        int | None, integer(1, 100_000), about("most episodes; default: all that the baseline holds")
+    ] = None
+    out: Annotated[Path | None, FOLDER_TO_WRITE, about("default: out/gate-SCENARIO")] = None
+    resume: Annotated[bool, about("continue the gate in --out")] = False
+    json: Annotated[Path | None, FILE_TO_WRITE, about("write the result to this file as JSON")] = None
+    junit: Annotated[Path | None, FILE_TO_WRITE, about("write the result to this file as JUnit XML")] = None
 
 
-def main(args: argparse.Namespace) -> int:
+def gate(scenario: ScenarioName, /, *, options: Annotated[GateOptions, Flat]) -> int:
     """`pickproof gate SCENARIO --baseline FILE`: exit code 0 passed, 1 worse, 3 undecided."""
     from rich.console import Console
 
     from pickproof.scenarios.campaign.episode import run_episode
+    from pickproof.scenarios.comparison.baseline import Execution, read_baseline
+    from pickproof.scenarios.comparison.gate import EXIT, check_gate, junit, run_gate
+    from pickproof.scenarios.config.scenario import load_scenario
+    from pickproof.scenarios.files.atomic import free_folder, write_json, write_whole
     from pickproof.scenarios.picking.workcell import check_inputs
+    from pickproof.scenarios.results.broken_campaign import check_ran
+    from pickproof.scenarios.results.store import FILE
+    from pickproof.scenarios.statistics.sequential_test import Rule
 
-    scenario, baseline = load_scenario(args.scenario, args.set), read_baseline(args.baseline)
-    oracle = frozenset(args.oracle)
-    check_gate(scenario, baseline, args.measure, args.baseline)
-    check_inputs(scenario, oracle)
-    if args.resume and not (args.out and (args.out / FILE).is_file()):
-        raise InputError("command line", "--resume", str(args.out), "--out DIR with the results to continue")
-    out = args.out or free_folder(Path("out") / f"gate-{scenario.name}")
+    chosen, baseline = load_scenario(scenario, list(options.set)), read_baseline(options.baseline)
+    oracle = frozenset[str](options.oracle)
+    check_gate(chosen, baseline, options.measure, options.baseline)
+    check_inputs(chosen, oracle)
+    if options.resume and not (options.out and (options.out / FILE).is_file()):
+        raise InputError("command line", "--resume", str(options.out), "--out DIR with the results to continue")
+    out = options.out or free_folder(Path("out") / f"gate-{chosen.name}")
     with Console(stderr=True).status("no episode yet") as status:
         result = run_gate(
-            scenario,
+            chosen,
             baseline,
-            file=args.baseline,
-            rule=Rule(args.margin, args.alpha, args.power),
-            how=Execution(out, run_episode, args.workers, oracle, args.resume, f"pickproof {shlex.join(args.words)}"),
-            measure=args.measure,
-            max_episodes=args.max_episodes,
+            file=options.baseline,
+            rule=Rule(options.margin, options.alpha, options.power),
+            how=Execution(out, run_episode, options.workers, oracle, options.resume, command_line()),
+            measure=options.measure,
+            max_episodes=options.max_episodes,
             on_episode=lambda n: status.update(f"{n} paired episodes"),
         )
     check_ran(out)
-    if args.json:
-        write_json(args.json, {**asdict(result), "scenario": scenario.name, "exit_code": EXIT[result.decision]})
-    if args.junit:
-        write_whole(args.junit, junit(result, scenario.name))
+    if options.json:
+        write_json(options.json, {**asdict(result), "scenario": chosen.name, "exit_code": EXIT[result.decision]})
+    if options.junit:
+        write_whole(options.junit, junit(result, chosen.name))
     print(result.line)
     return EXIT[result.decision]

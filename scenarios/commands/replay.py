@@ -2,39 +2,38 @@
 
 from __future__ import annotations
 
-import argparse
-import time
+import threading
+from pathlib import Path
+from typing import Annotated
 
-from rich.console import Console
-
-from pickproof.scenarios.commands.arguments import file_to_write, integer, some_path
-from pickproof.scenarios.replay.data import Replayed
-from pickproof.scenarios.replay.film import KINDS, record
+from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, AttemptIndex, ResultsFolder, about, integer
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Of the command `replay`."""
-    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
-    parser.add_argument("--attempt", required=True, metavar="N", help="index in the report's list of every attempt")
-    parser.add_argument("--port", type=integer(0, 65535), default=8080, help="of the page on 127.0.0.1 (default 8080)")
-    parser.add_argument(
-        "--record", type=file_to_write, metavar="FILE", help=f"write a film instead of a page: {', '.join(KINDS)}"
-    )
+def replay(
+    directory: ResultsFolder,
+    /,
+    *,
+    attempt: AttemptIndex,
+    port: Annotated[int, integer(0, 65535), about("of the page on 127.0.0.1")] = 8080,
+    record: Annotated[Path | None, FILE_TO_WRITE, about("write a film instead of a page: .gif, .mp4 or .png")] = None,
+) -> int:
+    """`pickproof replay DIR --attempt N`."""
+    from rich.console import Console
 
+    from pickproof.scenarios.replay.data import Replayed
+    from pickproof.scenarios.replay.film import record as record_film
 
-def main(args: argparse.Namespace) -> int:
-    """Run the command; returns the exit code."""
     console = Console()
-    shown = Replayed.load(args.directory, args.attempt)
-    if args.record:
-        console.print(f"wrote {record(shown, args.record)}", soft_wrap=True)
+    shown = Replayed.load(directory, attempt)
+    if record:
+        console.print(f"wrote {record_film(shown, record)}", soft_wrap=True)
         return 0
     from pickproof.scenarios.replay.page import ReplayPage
 
-    page = ReplayPage(shown, args.port)
+    page = ReplayPage(shown, port)
     console.print(f"attempt {shown.index}, {shown.outcome}: {page.url}   (Ctrl-C ends it)", soft_wrap=True)
     try:
-        while True:
-            time.sleep(3600)
+        threading.Event().wait()
     finally:
         page.close()
+    return 0

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
+from pathlib import Path
+from typing import Annotated
 
-from pickproof.scenarios.commands.arguments import file_to_write, some_path
-from pickproof.scenarios.reporting.report import FILE, write_report
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof report`."""
-    parser.add_argument("directory", type=some_path, metavar="DIR", help="where `pickproof run` wrote its results")
-    parser.add_argument("--out", type=file_to_write, metavar="FILE", help=f"default: DIR/{FILE}")
+from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, ResultsFolder, about
 
 
-def main(args: argparse.Namespace) -> int:
+def report(
+    directory: ResultsFolder,
+    /,
+    *,
+    out: Annotated[Path | None, FILE_TO_WRITE, about("default: DIR/report.html")] = None,
+) -> int:
     """`pickproof report DIR`."""
-    print(f"wrote {write_report(args.directory, args.out)}")
+    from pickproof.scenarios.reporting.report import write_report
+
+    print(f"wrote {write_report(directory, out)}")
     return 0

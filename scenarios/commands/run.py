@@ -2,88 +2,109 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.campaign.campaign import run_campaign
-from pickproof.scenarios.campaign.request import CampaignRequest
-from pickproof.scenarios.commands.arguments import MAX_SEED, add_scenario_arguments, folder_to_write, integer
-from pickproof.scenarios.commands.live_view import LiveView
-from pickproof.scenarios.config.scenario import load_scenario, weights_used
-from pickproof.scenarios.files.atomic import free_folder
-from pickproof.scenarios.results.broken_campaign import check_ran
-from pickproof.scenarios.results.records import AttemptRecord
-from pickproof.scenarios.results.replay_selection import Keep
-from pickproof.scenarios.results.store import Store
-from pickproof.scenarios.results.summary import FILE, counted, print_summary, summarise, write_summary
+from pickproof.perception.method import Method
+from pickproof.scenarios.commands.arguments import (
+    FOLDER_TO_WRITE,
+    MAX_SEED,
+    Flat,
+    ScenarioFields,
+    ScenarioName,
+    Seed,
+    about,
+    integer,
+)
+from pickproof.scenarios.commands.invocation import command_line
+
+if TYPE_CHECKING:
+    from pickproof.scenarios.results.records import AttemptRecord
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `pickproof run`."""
-    add_scenario_arguments(parser)
-    parser.add_argument(
-        "--episodes", type=integer(1, 1_000_000), default=10, metavar="N", help="bin fills (default 10)"
-    )
-    parser.add_argument("--seed", type=integer(0, MAX_SEED), metavar="S", help="of the first; default: the scenario's")
-    parser.add_argument("--out", type=folder_to_write, metavar="DIR", help="default: out/SCENARIO-SEED")
-    parser.add_argument("--resume", action="store_true", help="continue the campaign in --out")
-    parser.add_argument(
-        "--ray", metavar="ADDRESS", help="run on a Ray cluster: HOST:PORT, auto, or local to start one on this machine"
-    )
-    parser.add_argument("--no-pictures", action="store_true", help="keep no pictures of attempts")
-    parser.add_argument(
-        "--keep", choices=("failures", "all", "none"), default="failures", help="attempts kept for `pickproof replay`"
-    )
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON; progress goes to stderr")
-    parser.set_defaults(workers=None)
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(ScenarioFields):
+    """Options of `pickproof run`."""
+
+    workers: Annotated[
+        int | None, integer(1, 256), about("processes; default: 1, or with --ray all of the cluster")
+    ] = None
+    episodes: Annotated[int, integer(1, 1_000_000), about("bin fills")] = 10
+    seed: Seed = None
+    out: Annotated[Path | None, FOLDER_TO_WRITE, about("default: out/SCENARIO-SEED")] = None
+    resume: Annotated[bool, about("continue the campaign in --out")] = False
+    ray: Annotated[
+        str | None, about("run on a Ray cluster: HOST:PORT, auto, or local to start one on this machine")
+    ] = None
+    no_pictures: Annotated[bool, about("keep no pictures of attempts")] = False
+    keep: Annotated[Literal["failures", "all", "none"], about("attempts kept for `pickproof replay`")] = "failures"
+    method: Annotated[
+        Method | None, about("how poses are found: ps6d, search, both or auto; default: the scenario's")
+    ] = None
+    json: Annotated[bool, about("print the summary as JSON; progress goes to stderr")] = False
 
 
-def main(args: argparse.Namespace) -> int:
-    """Run the command; returns the exit code."""
+def run(
+    scenario: ScenarioName,
+    /,
+    *,
+    options: Annotated[RunOptions, Flat] = RunOptions(),
+) -> int:
+    """`pickproof run SCENARIO`."""
+    from rich.console import Console
+
+    from pickproof.scenarios.campaign.campaign import run_campaign
     from pickproof.scenarios.campaign.episode import run_episode
+    from pickproof.scenarios.campaign.request import CampaignRequest
+    from pickproof.scenarios.commands.campaign_progress import CampaignProgress
+    from pickproof.scenarios.config.scenario import load_scenario, weights_used
+    from pickproof.scenarios.files.atomic import free_folder
     from pickproof.scenarios.picking.workcell import check_inputs
+    from pickproof.scenarios.results.broken_campaign import check_ran
+    from pickproof.scenarios.results.replay_selection import Keep
+    from pickproof.scenarios.results.store import Store
+    from pickproof.scenarios.results.summary import FILE, counted, print_summary, summarise, write_summary
 
-    scenario = load_scenario(args.scenario, args.set)
-    seed = scenario.seed if args.seed is None else args.seed
-    if seed + args.episodes - 1 > MAX_SEED:
+    method = () if options.method is None else (f"perception.method={options.method}",)
+    chosen = load_scenario(scenario, [*options.set, *method])
+    seed = chosen.seed if options.seed is None else options.seed
+    if seed + options.episodes - 1 > MAX_SEED:
         raise InputError("command line", "--seed", seed, f"at most {MAX_SEED} for the last episode")
-    if args.resume and args.out is None:
+    if options.resume and options.out is None:
         raise InputError("command line", "--resume", "no --out", "--out DIR with the results to continue")
-    out = args.out or free_folder(Path("out") / f"{scenario.name}-{seed}")
-    oracle = frozenset(args.oracle)
-    check_inputs(scenario, oracle)
-    console = Console(stderr=args.json)
-    done = _ended(out) if args.resume else []
-    if not args.json:
+    out = options.out or free_folder(Path("out") / f"{chosen.name}-{seed}")
+    oracle = frozenset[str](options.oracle)
+    check_inputs(chosen, oracle)
+    console = Console(stderr=options.json)
+    done = _ended(out) if options.resume else []
+    if not options.json:
         console.print(
-            f"{scenario.name}: {counted(args.episodes, 'episode')} of {counted(scenario.count, 'workpiece')}, "
+            f"{chosen.name}: {counted(options.episodes, 'episode')} of {counted(chosen.count, 'workpiece')}, "
             f"results in {out}",
             soft_wrap=True,
         )
     try:
-        with LiveView(console, args.episodes, scenario.count, done) as view:
+        with CampaignProgress(console, options.episodes, chosen.count, done) as progress:
             request = CampaignRequest(
-                scenario=scenario.model_copy(update={"seed": seed}),
-                episodes=args.episodes,
+                scenario=chosen.model_copy(update={"seed": seed}),
+                episodes=options.episodes,
                 seed=seed,
-                workers=args.workers or (0 if args.ray else 1),
-                ray=args.ray,
+                workers=options.workers or (0 if options.ray else 1),
+                ray=options.ray,
                 oracle=oracle,
                 out=out,
                 runner=run_episode,
-                keep=Keep(out, args.keep),
-                weights_hash=weights_used(scenario, oracle),
-                command=f"pickproof {shlex.join(args.words)}",
-                resume=args.resume,
-                pictures=not args.no_pictures,
+                keep=Keep(out, options.keep),
+                weights_hash=weights_used(chosen, oracle),
+                command=command_line(),
+                resume=options.resume,
+                pictures=not options.no_pictures,
             )
-            run_campaign(request, view.update)
+            run_campaign(request, progress.update)
     except KeyboardInterrupt:
         with Store.read(out) as store:
             kept = len(store.attempts(large=False))
@@ -95,7 +116,7 @@ def main(args: argparse.Namespace) -> int:
     with Store.read(out) as store:
         summary = summarise(store)
     write_summary(out, summary)
-    if args.json:
+    if options.json:
         print(json.dumps(summary, indent=2))
     else:
         print_summary(console, summary)
@@ -106,6 +127,8 @@ def main(args: argparse.Namespace) -> int:
 
 def _ended(out: Path) -> list[AttemptRecord]:
     """Attempts of the episodes that have ended."""
+    from pickproof.scenarios.results.store import Store
+
     with Store.read(out) as store:
         ended = {e.seed for e in store.episodes()}
         return [a for a in store.attempts(large=False) if a.seed in ended]

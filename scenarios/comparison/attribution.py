@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pickproof.scenarios.comparison.compare import Difference, cleared_of, counts_of, difference_of, points, span
+from pickproof.scenarios.comparison.difference import Difference, cleared_of, counts_of, difference_of, points, span
 from pickproof.scenarios.comparison.paired import Outcome, same_seeds
 from pickproof.scenarios.config.oracles import ORACLES
 from pickproof.scenarios.results.records import NO_PICK_REASONS, Reason
@@ -38,7 +38,8 @@ class Stage:
 
     Attributes:
         success, clearance: gain of the rate; None where an arm never moved.
-        bootstrap95: of the success gained, by cluster bootstrap over episodes; too narrow for few (docs/statistics.md).
+        bootstrap95: of the success gained, by cluster bootstrap over episodes; too narrow for few
+            (docs/explanation/attribution.md).
         most: share of the bootstrap's campaigns in which this stage costs success, and more than any other.
         no_picks: before and after.
     """

@@ -1,4 +1,4 @@
-"""`pickproof gate`: a system against its baseline, bin by bin, until the evidence decides; docs/statistics.md."""
+"""`pickproof gate`: a system against its baseline, bin by bin, until it is decided (docs/explanation/statistics.md)."""
 
 from __future__ import annotations
 

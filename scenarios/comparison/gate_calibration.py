@@ -1,4 +1,4 @@
-"""`pickproof benchmark gate`: how often the gate is wrong and the intervals miss, by simulation; docs/statistics.md."""
+"""`pickproof benchmark gate`: errors of gate and intervals, by simulation (docs/measurements/statistics.md)."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def calibrate(campaigns: int, seed: int) -> dict[str, Any]:
 
 
 def print_tables(console: Console, found: dict[str, Any]) -> None:
-    """The tables of docs/statistics.md."""
+    """The tables of docs/measurements/statistics.md."""
     console.print(f"{found['campaigns']} gates a row, looked at after every episode, at most {EPISODES} episodes")
     _table(console, found["gates"], ("name", "worse", "passed", "undecided", "episodes_mean", "episodes_p90"))
     _table(console, found["intervals"], ("episodes", "rate", "icc", "cluster", "wilson", "width"))

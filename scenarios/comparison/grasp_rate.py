@@ -1,4 +1,4 @@
-"""A pick rate that a test can compare: `assert grasp_rate("bracket") >= baseline`; docs/statistics.md."""
+"""A pick rate that a test can compare: `assert grasp_rate("bracket") >= baseline`; docs/explanation/statistics.md."""
 
 from __future__ import annotations
 

@@ -25,6 +25,7 @@ class Outcome:
         dropped, picked: workpieces dropped into the bin, and picked of them.
         attempts, successes: of the attempts in which the arm moved.
         first: the first image of the freshly filled bin led to a successful pick. A no-pick is none.
+        cycle_s: of all attempts together; no_pick_s: sensing and compute of the no-picks [s]. 0 where not recorded.
     """
 
     seed: int
@@ -33,6 +34,8 @@ class Outcome:
     attempts: int
     successes: int
     first: bool
+    cycle_s: float = 0.0
+    no_pick_s: float = 0.0
 
     def value(self, measure: Measure) -> float:
         """In [0, 1]. An episode in which the arm never moved has a success rate of 0, an empty bin is cleared."""
@@ -45,18 +48,39 @@ class Outcome:
 
 def outcomes(attempts: Sequence[AttemptRecord], episodes: Sequence[EpisodeRecord]) -> list[Outcome]:
     """Of the episodes that ended."""
-    ended = {e.seed: e for e in episodes}
-    counts = {seed: [0, 0, 0] for seed in ended}  # attempts, successes, whether the first succeeded
+    of_seed: dict[int, list[AttemptRecord]] = {e.seed: [] for e in episodes}
     for a in attempts:
-        if a.seed in counts:
-            of_seed = counts[a.seed]
-            of_seed[0] += a.moved
-            of_seed[1] += a.success
-            of_seed[2] |= a.attempt == 0 and a.success
-    return [
-        Outcome(seed, e.parts_dropped, e.parts_picked, counts[seed][0], counts[seed][1], bool(counts[seed][2]))
-        for seed, e in ended.items()
-    ]
+        if a.seed in of_seed:
+            of_seed[a.seed].append(a)
+    return [_outcome(e, of_seed[e.seed]) for e in {e.seed: e for e in episodes}.values()]
+
+
+def _outcome(episode: EpisodeRecord, attempts: Sequence[AttemptRecord]) -> Outcome:
+    return Outcome(
+        seed=episode.seed,
+        dropped=episode.parts_dropped,
+        picked=episode.parts_picked,
+        attempts=sum(a.moved for a in attempts),
+        successes=sum(a.success for a in attempts),
+        first=any(a.attempt == 0 and a.success for a in attempts),
+        cycle_s=sum(a.cycle_s for a in attempts if a.moved),
+        no_pick_s=sum(a.cycle_s for a in attempts if not a.moved),
+    )
+
+
+def changed_values(first: Mapping[str, Any], second: Mapping[str, Any], names: Sequence[str]) -> dict[str, list[Any]]:
+    """Field -> its value in the first and in the second campaign, of those that differ.
+
+    Args:
+        first, second: `meta` of the campaigns.
+        names: dotted fields of the scenario, and `oracle`, `inputs.mesh` and the like, as `Comparison.changed`.
+    """
+    sides = []
+    for meta in (first, second):
+        scenario = meta["scenario"]
+        top = _leaves({key: value for key, value in meta.items() if key != "scenario"})
+        sides.append(top | dict(meta) | _leaves(json.loads(scenario) if isinstance(scenario, str) else scenario))
+    return {name: [side.get(name) for side in sides] for name in names}
 
 
 def changed_fields(first: str | Mapping[str, Any], second: str | Mapping[str, Any]) -> list[str]:

@@ -3,4 +3,4 @@
 from __future__ import annotations
 
 ORACLES = ("perception", "grasp", "motion")
-"""Stages that ground truth can replace, in the order of a pick; docs/statistics.md defines each."""
+"""Stages that ground truth can replace, in the order of a pick; docs/explanation/attribution.md defines each."""

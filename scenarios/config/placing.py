@@ -22,7 +22,7 @@ class HeapPlace(Config):
 class PatternPlace(Config):
     """One workpiece in each cell of a grid on the floor of the place bin, in a given pose."""
 
-    kind: Literal["pattern"]
+    kind: Literal["pattern"] = Field(description="a grid")
     rows: int = Field(ge=1, le=100, description="cells along the fixture's y")
     columns: int = Field(ge=1, le=100, description="cells along the fixture's x")
     pitch: tuple[Length, Length] = Field(description="[m] between the middles of cells along x and y")

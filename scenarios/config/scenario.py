@@ -25,6 +25,7 @@ from pickproof.cell.sensing.camera import Intrinsics, look_at
 from pickproof.cell.sensing.sensor_model import SensorConfig
 from pickproof.cell.workpiece.workpiece import list_workpieces, load_workpiece, search_path, workpiece_folder
 from pickproof.grasping.ranking import GraspingConfig
+from pickproof.perception.method import Method
 from pickproof.scenarios.config.placing import HeapPlace, PatternPlace, PlaceConfig
 
 SHIPPED = Path(__file__).resolve().parents[1]
@@ -48,6 +49,7 @@ class BinConfig(Config):
         return self
 
     def build(self, name: str) -> Bin:
+        """The bin, where it stands in the world."""
         return Bin(name, self.inner, self.wall, self.position, self.yaw)
 
 
@@ -60,6 +62,7 @@ class TableConfig(Config):
     )
 
     def build(self) -> Box:
+        """The table as a box in the world."""
         return table(self.size, self.centre_top)
 
 
@@ -82,15 +85,17 @@ class CameraConfig(Config):
 
     @property
     def intrinsics(self) -> Intrinsics:
+        """The pinhole model of the camera."""
         return Intrinsics.from_fov(self.width, self.height, float(np.deg2rad(self.fov_deg)))
 
     @property
     def T_world_camera(self) -> Array:
+        """Pose (4, 4) of the camera, which looks at `target`."""
         return look_at(np.array(self.eye), np.array(self.target))
 
 
 class PhysicsConfig(Config):
-    """Settings of the physics (docs/cell.md says why these)."""
+    """Settings of the physics (docs/explanation/physics.md says why these)."""
 
     timestep: float = Field(default=1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
     solver_iterations: int = Field(
@@ -99,8 +104,12 @@ class PhysicsConfig(Config):
 
 
 class PerceptionConfig(Config):
-    """Which estimates are handed on to grasping."""
+    """How poses are found, and which of them are handed on to grasping."""
 
+    method: Method = Field(
+        default="auto",
+        description="ps6d: trained network; search: no training; both; auto: ps6d where weights exist, else search",
+    )
     min_score: float = Field(
         default=0.8, ge=0, le=1, description="calibrated score below which an estimate is rejected"
     )
@@ -155,7 +164,7 @@ class Scenario(Config):
         default=0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ..."
     )
     robot: str = Field(default="lrmate200id", description="a folder of robots/")
-    gripper: str = "jaw_v1"
+    gripper: str = Field(default="jaw_v1", description="name of a shipped gripper, or the path of its YAML file")
     grasps: str = Field(
         default="",
         description="file of grasp points in place of the workpiece's grasps.yaml; from this file's folder",
@@ -241,6 +250,8 @@ def scenario_hash(scenario: Scenario) -> str:
     """SHA-256 of the canonical JSON without `seed`, so that it names the cell and the job, not the draw."""
     data = json.loads(scenario_json(scenario))
     del data["seed"]
+    if data["perception"]["method"] == "auto":  # older than the field, campaigns keep the hash they were stored under
+        del data["perception"]["method"]
     return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -257,8 +268,9 @@ def weights_hash(workpiece: str) -> str:
 
 
 def weights_used(scenario: Scenario, oracle: Collection[str]) -> str:
-    """`weights_hash` of a scenario's workpiece; empty where ground truth stands in for perception."""
-    return "" if "perception" in oracle else weights_hash(scenario.workpiece)
+    """`weights_hash` of a scenario's workpiece; empty where ground truth or the search stands in for the network."""
+    no_network = "perception" in oracle or scenario.perception.method == "search"
+    return "" if no_network else weights_hash(scenario.workpiece)
 
 
 def scenario_path(name_or_path: str) -> Path:

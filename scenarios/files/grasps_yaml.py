@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.nodes import ScalarNode
 
+from pickproof.cell.config import yaml_text
 from pickproof.grasping.grasp_points import GraspPoint
 from pickproof.scenarios.files.yaml_edit import EditError, edit_text, styled
 
@@ -14,7 +16,7 @@ from pickproof.scenarios.files.yaml_edit import EditError, edit_text, styled
 def entry_text(point: GraspPoint) -> str:
     """A grasp point as one item of a list in YAML, at no indent; fields that have their default are left out."""
     fields = point.model_dump(mode="json", exclude_defaults=True)
-    return str(yaml.safe_dump([fields], sort_keys=False, default_flow_style=None, width=120))
+    return yaml_text([fields])
 
 
 def set_fields(text: str, index: int, changes: Mapping[str, Any]) -> str:
@@ -60,7 +62,7 @@ def rearrange(text: str, order: Sequence[int | GraspPoint]) -> str:
 
 def _blocks(text: str, lines: Sequence[str]) -> tuple[list[int], int, int]:
     """First line of every entry with the comments over it, the line after the last one, the column of the dashes."""
-    root: Any = yaml.compose(text, Loader=yaml.SafeLoader)
+    root: Any = YAML(typ="safe", pure=True).compose(text)
     head, items = next(pair for pair in root.value if pair[0].value == "grasps")
     dashes = []
     for item in items.value:
@@ -92,7 +94,7 @@ def _belongs_below(line: str, column: int) -> bool:
 
 def _last_line(node: Any) -> int:
     """Of the text of a node; the end mark of a block is behind what follows it."""
-    if isinstance(node, yaml.ScalarNode) or node.flow_style:
+    if isinstance(node, ScalarNode) or node.flow_style:
         mark = node.end_mark
         return int(mark.line - (mark.column == 0 and mark.line > node.start_mark.line))
     children = [c for pair in node.value for c in (pair if isinstance(pair, tuple) else (pair,))]

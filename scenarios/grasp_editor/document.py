@@ -88,10 +88,12 @@ class GraspDocument:
 
     @property
     def can_undo(self) -> bool:
+        """Whether there is a change to undo."""
         return bool(self._past)
 
     @property
     def can_redo(self) -> bool:
+        """Whether there is an undone change to make again."""
         return bool(self._future)
 
     def change(self, index: int, fields: Mapping[str, Any]) -> None:
@@ -262,7 +264,7 @@ class GraspDocument:
 
     def _begun(self) -> str:
         head = (
-            f"# Grasp points of {self._workpiece.name}; the schema is in docs/grasping.md.\n"
+            f"# Grasp points of {self._workpiece.name}; the schema is in docs/reference/grasps-file.md.\n"
             "# [m] and unit vectors in the CAD frame.\n"
         )
         return (

@@ -16,7 +16,7 @@ from pickproof.cell.physics.bin_filling import fill_bin
 from pickproof.cell.physics.observation import Snapshot, observe
 from pickproof.cell.physics.world import World
 from pickproof.cell.workpiece.workpiece import Workpiece
-from pickproof.grasping.candidates import GraspCandidate, select
+from pickproof.grasping.candidates import GraspCandidate, PartEstimates, PickScene, select
 from pickproof.grasping.grasp_points import GraspPoint, expand
 from pickproof.grasping.ranking import GraspingConfig
 from pickproof.scenarios.config.scenario import Scenario
@@ -120,6 +120,7 @@ class HeapCell:
         self._clouds = apply(self.truth.Ts_world_part, points)
 
     def close(self) -> None:
+        """Close the physics."""
         self._grasp_oracle.close()
 
     def try_grasp(self, point: GraspPoint) -> Outcome:
@@ -146,10 +147,8 @@ class HeapCell:
         for k in inside:
             T = self.truth.Ts_world_part[k]
             others = self._clouds[[i for i in inside if i != k]].reshape(-1, 3)
-            one = select(
-                T[None], np.ones(1), np.zeros(1, bool), poses, self.workpiece, self.gripper, self.bin, others,
-                GraspingConfig(),
-            )  # fmt: skip
+            scene = PickScene(self.workpiece, self.gripper, self.bin, others)
+            one = select(PartEstimates(T[None], np.ones(1)), poses, scene, GraspingConfig())
             height = float(T[2, 3] - self.truth.Ts_world_part[list(inside), 2, 3].min())
             found += [_of(c, k, height) for c in one.candidates[:1]]
             for verdict, n in one.ruled_out[0].get(point.name, {}).items():

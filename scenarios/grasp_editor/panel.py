@@ -28,17 +28,38 @@ HINTS = {
 class Actions(Protocol):
     """What the page can ask of the editor; each is safe to call from any thread."""
 
-    def select(self, index: int) -> None: ...
-    def change(self, name: str, value: Any) -> None: ...
-    def refuse(self, line: str) -> None: ...
-    def act(self, name: str) -> None: ...
-    def mirror(self, plane: Plane) -> None: ...
-    def view(self, name: str, on: bool) -> None: ...
-    def lie(self, choice: str) -> None: ...
-    def try_it(self, choice: str) -> None: ...
-    def play(self, on: bool) -> None: ...
-    def film_of(self, choice: str) -> None: ...
-    def film_at(self, seconds: float) -> None: ...
+    def select(self, index: int) -> None:
+        """Edit another grasp."""
+
+    def change(self, name: str, value: Any) -> None:
+        """Give a field of the grasp another value."""
+
+    def refuse(self, line: str) -> None:
+        """Show why something cannot be done."""
+
+    def act(self, name: str) -> None:
+        """Press a button, named by its label in lower case."""
+
+    def mirror(self, plane: Plane) -> None:
+        """Add the grasp as it is on the other side of a plane."""
+
+    def view(self, name: str, on: bool) -> None:
+        """Show or hide something of the scene."""
+
+    def lie(self, choice: str) -> None:
+        """Turn the workpiece to a way of lying."""
+
+    def try_it(self, choice: str) -> None:
+        """Try the grasp in the physics, in one place or everywhere."""
+
+    def play(self, on: bool) -> None:
+        """Run the film, or stop it."""
+
+    def film_of(self, choice: str) -> None:
+        """Show the film of one place."""
+
+    def film_at(self, seconds: float) -> None:
+        """Show the film at a time [s]."""
 
 
 class Panel:

@@ -58,6 +58,7 @@ class SnapTargets:
 
     @staticmethod
     def of(workpiece: Workpiece) -> SnapTargets:
+        """Of points on a workpiece's surface."""
         points, normals = workpiece.sample_surface(SAMPLES, seed=7)
         tree = cKDTree(points)
         edges, directions = _sharp_edges(workpiece)

@@ -14,10 +14,10 @@ from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.workpiece.resting_poses import resting_poses
 from pickproof.cell.workpiece.workpiece import Workpiece
-from pickproof.grasping.candidates import GraspCandidate, select
+from pickproof.grasping.candidates import GraspCandidate, PartEstimates, PickScene, select
 from pickproof.grasping.grasp_points import GraspPoint, expand
 from pickproof.grasping.ranking import GraspingConfig
-from pickproof.scenarios.grasp_trials.trial import FREE, TrialCell, robust_share
+from pickproof.scenarios.grasp_trials.trial import FREE, PlacedGrasp, TrialCell, robust_share
 
 NOTHING = np.zeros((0, 3))
 IN_THE_AIR = 0.5
@@ -57,7 +57,7 @@ def tried(
     least: float = 0.5,
     iterations: int | None = None,
 ) -> list[GraspPoint]:
-    """Of proposed grasp points those that bear more than the share `least` of pose errors, most robust first.
+    """Of proposed grasp points those that tolerate more than the share `least` of pose errors, most robust first.
 
     Args:
         iterations: of the contact solver, as in `TrialCell`.
@@ -110,9 +110,8 @@ def candidates_of(
 ) -> list[GraspCandidate] | str:
     """The poses of one grasp point with room on a workpiece that lies alone, best first; else as `best_candidate`."""
     poses = expand((point,), workpiece)
-    one = select(
-        T_world_part[None], np.ones(1), np.zeros(1, bool), poses, workpiece, gripper, FREE, NOTHING, GraspingConfig()
-    )
+    scene = PickScene(workpiece, gripper, FREE, NOTHING)
+    one = select(PartEstimates(T_world_part[None], np.ones(1)), poses, scene, GraspingConfig())
     if one.candidates:
         return one.candidates
     counts = one.ruled_out[0][point.name]
@@ -161,14 +160,14 @@ def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
     """
     jaws = isinstance(cell.gripper, ParallelJaw)
     for k, (best, *_) in lying(point, resting, cell.workpiece, cell.gripper, turned=not jaws):
-        return robust_share(cell, resting[k], best.T_world_tool, best.opening)
+        return robust_share(cell, PlacedGrasp(resting[k], best.T_world_tool, best.opening))
     if not jaws:
         return 0.0
     poses = expand((point,), cell.workpiece)
     first = int(np.argmin(poses.depth_rank + poses.offset))
     T_world_tool = make_transform(t=(0.0, 0.0, IN_THE_AIR)) @ about_axis((1, 0, 0), np.array(np.pi))
     T_world_part = T_world_tool @ invert(poses.Ts_part_tool[first])
-    return robust_share(cell, T_world_part, T_world_tool, float(poses.openings[first]), afloat=True)
+    return robust_share(cell, PlacedGrasp(T_world_part, T_world_tool, float(poses.openings[first]), weightless=True))
 
 
 def _leaning(point: GraspPoint) -> GraspPoint:

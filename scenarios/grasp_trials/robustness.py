@@ -1,4 +1,4 @@
-"""Which errors of a pose each grasp bears, direction by direction, and whether perception makes larger ones."""
+"""Which errors of a pose each grasp tolerates, direction by direction, and whether perception makes larger ones."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array, about_axis, make_transform
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.workpiece.workpiece import load_workpiece
+from pickproof.grasping.candidates import GraspCandidate
 from pickproof.grasping.grasp_points import GraspPoint
 from pickproof.scenarios.grasp_trials.check import best_candidate, lying
-from pickproof.scenarios.grasp_trials.trial import TrialCell, try_errors
+from pickproof.scenarios.grasp_trials.trial import PlacedGrasp, TrialCell, try_errors
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Directions of an error: along and about the axes of the CAD, through the centre of mass."""
@@ -28,13 +29,13 @@ TOOL_AXES = ("closing", "across", "approach")  # what x, y and z of the tool do
 
 @dataclass(frozen=True)
 class Robustness:
-    """What one grasp bears.
+    """What one grasp tolerates.
 
     Attributes:
         resting: index of the resting pose that it was tried in, likeliest first; -1 where the gripper has no room.
         reason: why it does not hold even without an error; empty where it does.
         held: (6, 2 s + 1) bool over AXES and sizes, from the largest negative one over none to the largest positive.
-        reasons: what happened at the smallest error that it does not bear, of each of AXES; empty for none.
+        reasons: what happened at the smallest error that it does not tolerate, of each of AXES; empty for none.
         along: which axis of the tool each of AXES is nearest to.
     """
 
@@ -85,27 +86,31 @@ def axis_error(axis: int, size: float) -> Array:
 def try_robustness(task: Task) -> Robustness:
     """Try one grasp under every error, in the likeliest resting pose that leaves the gripper room."""
     workpiece, gripper = load_workpiece(task.workpiece), load_gripper(task.gripper)
-    name, columns = task.point.name, 2 * len(SIZES["mm"]) + 1
-    nothing = np.zeros((len(AXES), columns), dtype=bool), ("",) * len(AXES), ("",) * len(AXES)
     with closing(TrialCell(workpiece, gripper)) as cell:
         resting = cell.resting_poses()
         cell.rebuild()
         for k, (best, *_) in lying(task.point, resting, workpiece, gripper):
-            rows, reasons = [], []
-            for a in range(len(AXES)):
-                steps = [-s for s in reversed(sizes_of(a))] + [0.0, *sizes_of(a)]
-                errors = np.stack([axis_error(a, s) for s in steps])
-                trials = list(try_errors(cell, resting[k], best.T_world_tool, best.opening, errors))
-                rows.append([t.held for t in trials])
-                lost = sorted((abs(s), t.reason) for s, t in zip(steps, trials, strict=True) if not t.held)
-                reasons.append(lost[0][1] if lost else "")
-            held = np.array(rows)
-            reason = "" if held[:, columns // 2].all() else next(r for r in reasons if r)
-            nearest = np.abs(best.T_part_tool[:3, :3]).argmax(1)
-            along = tuple(TOOL_AXES[nearest[a % 3]] for a in range(len(AXES)))
-            return Robustness(name, k, reason, held, tuple(reasons), along)
+            return _measured(cell, k, resting[k], best)
         verdict = best_candidate(task.point, resting[0], workpiece, gripper)
-        return Robustness(name, -1, str(verdict), *nothing)
+    never = np.zeros((len(AXES), 2 * len(SIZES["mm"]) + 1), dtype=bool)
+    return Robustness(task.point.name, -1, str(verdict), never, ("",) * len(AXES), ("",) * len(AXES))
+
+
+def _measured(cell: TrialCell, index: int, T_world_part: Array, grasp: GraspCandidate) -> Robustness:
+    """A grasp under every error on a workpiece in the resting pose of this index."""
+    placed = PlacedGrasp(T_world_part, grasp.T_world_tool, grasp.opening)
+    rows, reasons = [], []
+    for a in range(len(AXES)):
+        steps = [-s for s in reversed(sizes_of(a))] + [0.0, *sizes_of(a)]
+        trials = list(try_errors(cell, placed, np.stack([axis_error(a, s) for s in steps])))
+        rows.append([t.held for t in trials])
+        lost = sorted((abs(s), t.reason) for s, t in zip(steps, trials, strict=True) if not t.held)
+        reasons.append(lost[0][1] if lost else "")
+    held = np.array(rows)
+    reason = "" if held[:, held.shape[1] // 2].all() else next(r for r in reasons if r)
+    nearest = np.abs(grasp.T_part_tool[:3, :3]).argmax(1)
+    along = tuple(TOOL_AXES[nearest[a % 3]] for a in range(len(AXES)))
+    return Robustness(grasp.point.name, index, reason, held, tuple(reasons), along)
 
 
 def read_errors(path: Path) -> dict[str, float]:
@@ -125,7 +130,7 @@ def read_errors(path: Path) -> dict[str, float]:
 
 
 def beyond(grasp: Robustness, errors: dict[str, float]) -> list[int]:
-    """Which of AXES perception errs along by more than the grasp bears, in either direction; worst first."""
+    """Which of AXES perception errs along by more than the grasp tolerates, in either direction; worst first."""
     least = grasp.tolerated.min(1)
     excess = {a: errors[KEYS[a]] - least[a] for a in range(len(AXES)) if errors[KEYS[a]] > least[a]}
     scale = np.array([sizes_of(a)[-1] for a in range(len(AXES))])
@@ -140,15 +145,17 @@ def verdict(grasp: Robustness, errors: dict[str, float] | None) -> str:
         return f"fails without any error: {grasp.reason}"
     if errors is None:
         worst = int(np.argmin(grasp.tolerated.min(1) / [sizes_of(a)[-1] for a in range(len(AXES))]))
-        bears = f"bears least {_along(grasp, worst)}, {_size(worst, grasp.tolerated[worst].min())}"
-        return f"{bears}; then: {grasp.reasons[worst]}" if grasp.reasons[worst] else "bears every error that was tried"
+        if not grasp.reasons[worst]:
+            return "tolerates every error that was tried"
+        size = _size(worst, grasp.tolerated[worst].min())
+        return f"tolerates least {_along(grasp, worst)}, {size}; then: {grasp.reasons[worst]}"
     found = beyond(grasp, errors)
     if not found:
-        return "bears what perception errs by"
+        return "tolerates the errors of perception"
     a = found[0]
     others = f", and {', '.join(AXES[b] for b in found[1:])}" if found[1:] else ""
     return (
-        f"will fail: perception errs by up to {_size(a, errors[KEYS[a]])} {_along(grasp, a)}, it bears "
+        f"will fail: perception errs by up to {_size(a, errors[KEYS[a]])} {_along(grasp, a)}, it tolerates "
         f"{_size(a, grasp.tolerated[a].min())}; then: {grasp.reasons[a]}{others}"
     )
 

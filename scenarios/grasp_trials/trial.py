@@ -19,7 +19,7 @@ from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.physics.convergence import solver_iterations
 from pickproof.cell.physics.floating_gripper import floating_arm, floating_joints, floating_line
-from pickproof.cell.physics.grip import grip, held
+from pickproof.cell.physics.grip import Grip, grip, held
 from pickproof.cell.physics.trajectory_execution import execute
 from pickproof.cell.physics.world import World
 from pickproof.cell.workpiece.workpiece import Workpiece
@@ -51,6 +51,22 @@ class Trial:
     pushed: float = 0.0
 
 
+@dataclass(frozen=True)
+class PlacedGrasp:
+    """A grasp on a workpiece that lies somewhere.
+
+    Attributes:
+        T_world_part, T_world_tool: (4, 4) of the workpiece, and of the TCP at the grasp.
+        opening: of the jaws on the way in, in [m].
+        weightless: the workpiece weighs nothing until it is gripped, and may be anywhere in the air.
+    """
+
+    T_world_part: Array
+    T_world_tool: Array
+    opening: float
+    weightless: bool = False
+
+
 class TrialCell:
     """A table, one workpiece and a floating gripper; use it for many trials, then close it."""
 
@@ -76,6 +92,7 @@ class TrialCell:
         self._build()
 
     def close(self) -> None:
+        """Close the physics."""
         self.world.close()
 
     def resting_poses(self) -> Array:
@@ -90,32 +107,52 @@ class TrialCell:
                 found.append(pose)
         return np.asarray(found).reshape(-1, 4, 4)
 
-    def try_grasp(self, T_world_part: Array, T_world_tool: Array, opening: float, afloat: bool = False) -> Trial:
+    def try_grasp(self, T_world_part: Array, T_world_tool: Array, opening: float, weightless: bool = False) -> Trial:
         """Grip the workpiece that lies at T_world_part with the TCP at T_world_tool, lift and shake it.
 
         Args:
-            afloat: it weighs nothing until it is gripped, and may be anywhere in the air.
+            opening: of the jaws on the way in, in [m].
+            weightless: it weighs nothing until it is gripped, and may be anywhere in the air.
         """
-        before = self._joints(T_world_tool @ make_transform(t=(0.0, 0.0, -BEFORE)))
-        self.arm.reset(before, opening if isinstance(self.gripper, ParallelJaw) else None)
-        with self.world.weightless() if afloat else nullcontext():
-            self.world.place_part(0, T_world_part)
-            self._line(T_world_tool)
-            taken = grip(self.world, self.arm)
+        taken = self._grip(T_world_part, T_world_tool, opening, weightless)
         if taken.parts != (0,):
             return Trial(False, 0.0, 0.0, ", ".join(sorted({f for f in taken.faces if f})) or "closed on nothing")
-        T_tool_part = invert(self.arm.tool_pose()) @ self.world.part_pose(0)
-        corners = self.workpiece.mesh.bounding_box.vertices
-        shift = apply(self.world.part_pose(0), corners) - apply(T_world_part, corners)
-        pushed = float(np.linalg.norm(shift, axis=1).max())
+        T_world_gripped = self.world.part_pose(0)
+        T_tool_gripped = invert(self.arm.tool_pose()) @ T_world_gripped
+        lost = self._lost_in_motion(T_world_tool)
+        if lost:
+            return Trial(False, 0.0, 0.0, lost)
+        slip, turn = self._slip(invert(T_tool_gripped) @ invert(self.arm.tool_pose()) @ self.world.part_pose(0))
+        return Trial(True, slip, turn, "", self._farthest_move(T_world_part, T_world_gripped))
+
+    def _grip(self, T_world_part: Array, T_world_tool: Array, opening: float, weightless: bool) -> Grip:
+        """To the grasp on a straight line, and close."""
+        before = self._joints(T_world_tool @ make_transform(t=(0.0, 0.0, -BEFORE)))
+        self.arm.reset(before, opening if isinstance(self.gripper, ParallelJaw) else None)
+        with self.world.weightless() if weightless else nullcontext():
+            self.world.place_part(0, T_world_part)
+            self._line(T_world_tool)
+            return grip(self.world, self.arm)
+
+    def _lost_in_motion(self, T_world_tool: Array) -> str:
+        """Lift and shake what is held; where it was lost, empty where it is held still."""
         for way in ((0.0, 0.0, LIFT), (SHAKE, 0.0, LIFT), (0.0, SHAKE, LIFT)):
             self._line(make_transform(t=way) @ T_world_tool)
             if held(self.world, self.arm) != (0,):
-                return Trial(False, 0.0, 0.0, "lost in the lift" if way[:2] == (0.0, 0.0) else "lost in the shake")
-        moved = invert(T_tool_part) @ invert(self.arm.tool_pose()) @ self.world.part_pose(0)
+                return "lost in the lift" if way[:2] == (0.0, 0.0) else "lost in the shake"
+        return ""
+
+    def _slip(self, T_gripped_now: Array) -> tuple[float, float]:
+        """Slide of the centre of mass in [m] and turn in [rad] of a workpiece that moved so in the gripper."""
         com = np.append(self.workpiece.com, 1.0)
-        slip, turn = float(np.linalg.norm((moved @ com - com)[:3])), float(rotation_angle(moved[:3, :3]))
-        return Trial(True, slip, turn, "", pushed)
+        slid = float(np.linalg.norm((T_gripped_now @ com - com)[:3]))
+        return slid, float(rotation_angle(T_gripped_now[:3, :3]))
+
+    def _farthest_move(self, T_world_before: Array, T_world_after: Array) -> float:
+        """Way in [m] of the corner of the workpiece's bounding box that moved farthest between two poses."""
+        corners = self.workpiece.mesh.bounding_box.vertices
+        shift = apply(T_world_after, corners) - apply(T_world_before, corners)
+        return float(np.linalg.norm(shift, axis=1).max())
 
     def _line(self, T_world_tool: Array) -> None:
         """Straight to a tool pose of the same rotation, from rest to rest."""
@@ -127,7 +164,7 @@ class TrialCell:
         return floating_joints(T_world_tool, self.gripper.T_flange_tool)
 
 
-def turns(workpiece: Workpiece) -> Array:
+def turn_errors(workpiece: Workpiece) -> Array:
     """Errors (3,) [rad] about the axes of the CAD through the centre of mass: TURN, or what moves a point by FAR."""
     from_com = np.asarray(workpiece.mesh.vertices) - workpiece.com
     levers = [np.linalg.norm(np.delete(from_com, axis, axis=1), axis=1).max() for axis in range(3)]
@@ -135,33 +172,29 @@ def turns(workpiece: Workpiece) -> Array:
 
 
 def pose_errors(workpiece: Workpiece) -> Array:
-    """Errors T_part_estimate (13, 4, 4): none, then SHIFT along and `turns` about each axis both ways."""
+    """Errors T_part_estimate (13, 4, 4): none, then SHIFT along and `turn_errors` about each axis both ways."""
     errors = [np.eye(4)]
-    for (axis, turn), sign in product(zip(np.eye(3), turns(workpiece), strict=True), (1, -1)):
+    for (axis, turn), sign in product(zip(np.eye(3), turn_errors(workpiece), strict=True), (1, -1)):
         errors += [make_transform(t=sign * SHIFT * axis), about_axis(axis, np.array(sign * turn))]
     return np.stack(errors)
 
 
-def try_errors(
-    cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float, errors: Array, afloat: bool = False
-) -> Iterator[Trial]:
+def try_errors(cell: TrialCell, grasp: PlacedGrasp, errors: Array) -> Iterator[Trial]:
     """A grasp tried as if the workpiece's pose were estimated with each of the `errors` (n, 4, 4), in their order.
 
     An error is T_part_estimate about the centre of mass: a shift along and a turn about the axes of the CAD there.
     """
     for error in errors:
-        yield cell.try_grasp(T_world_part, off_by(error, cell, T_world_part) @ T_world_tool, opening, afloat)
+        T_world_tool = moved_by_error(error, grasp.T_world_part, cell.workpiece) @ grasp.T_world_tool
+        yield cell.try_grasp(grasp.T_world_part, T_world_tool, grasp.opening, grasp.weightless)
 
 
-def off_by(error: Array, cell: TrialCell, T_world_part: Array) -> Array:
+def moved_by_error(error: Array, T_world_part: Array, workpiece: Workpiece) -> Array:
     """T_world_world (4, 4) by which an error of the pose, T_part_estimate about the centre of mass, moves a tool."""
-    T_world_com = T_world_part @ make_transform(t=cell.workpiece.com)
-    return T_world_com @ error @ invert(T_world_com)
+    T_world_com = T_world_part @ make_transform(t=workpiece.com)
+    return np.asarray(T_world_com @ error @ invert(T_world_com))
 
 
-def robust_share(
-    cell: TrialCell, T_world_part: Array, T_world_tool: Array, opening: float, afloat: bool = False
-) -> float:
+def robust_share(cell: TrialCell, grasp: PlacedGrasp) -> float:
     """Share of pose errors, about the centre of mass, under which a grasp still holds."""
-    trials = try_errors(cell, T_world_part, T_world_tool, opening, pose_errors(cell.workpiece), afloat)
-    return float(np.mean([trial.held for trial in trials]))
+    return float(np.mean([trial.held for trial in try_errors(cell, grasp, pose_errors(cell.workpiece))]))

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import trimesh
-import yaml
 
+from pickproof.cell.config import yaml_text
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array
 from pickproof.cell.grippers.base import Gripper
@@ -175,8 +175,8 @@ def write_workpiece(part: Part, folder: Path) -> None:
         "camera_distance": heap.camera_distance,
     }
     fields["tolerance"] = round(min(TOLERANCE[0], TOLERANCE[1] * float(part.mesh.extents.max())), 5)
-    head = "# Written by `pickproof onboard`; lengths in [m]. docs/onboarding.md says how each value was found.\n"
-    (folder / "workpiece.yaml").write_text(head + _yaml(fields), encoding="utf-8")
+    head = "# Written by `pickproof onboard`; lengths in [m]. docs/explanation/onboarding.md says how it was found.\n"
+    (folder / "workpiece.yaml").write_text(head + yaml_text(fields), encoding="utf-8")
 
 
 def find_converged_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) -> Held:
@@ -228,7 +228,7 @@ def find_grasps(
 def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[str, Any], dict[str, str]]:
     """A scenario for the part, and the reasons; empty where no gripper or no arm does."""
     if held.gripper is None:
-        return {}, {"gripper": "no shipped gripper holds it; write grasps.yaml for your own (docs/grasping.md)"}
+        return {}, {"gripper": "no shipped gripper holds it; docs/reference/grasps-file.md says how to write grasps"}
     fields, reasons = propose_cell(workpiece, held.gripper, heap)
     if fields:
         fields = {"name": workpiece.name, "workpiece": workpiece.name, "seed": 0, **fields}
@@ -243,17 +243,13 @@ def scenario_text(fields: dict[str, Any]) -> str:
     """The text of scenario.yaml."""
     return (
         "# Written by `pickproof onboard`. Fields left out take the defaults of scenarios/config/scenario.py.\n"
-        + _yaml(fields)
+        + yaml_text(fields)
     )
 
 
 def is_infinite(degrees: float) -> bool:
     """Whether d counts as any turn, being finer than T_s."""
     return 0 < degrees <= INFINITE_BELOW_DEG
-
-
-def _yaml(fields: dict[str, Any]) -> str:
-    return str(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None, width=120))
 
 
 def _rounded(value: Any) -> Any:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pickproof.cell.frames import Array, apply, invert
@@ -15,7 +13,16 @@ from pickproof.robots.collision.held_part import HeldPart
 from pickproof.robots.collision.scene import CollisionScene, HeightField
 from pickproof.robots.failure import PlanFailure
 from pickproof.robots.motion.dynamics import Load
-from pickproof.robots.plan.pick_plan import PickPlan, PickRequest, check_grasps, plan_pick
+from pickproof.robots.plan.pick_plan import PickPlan, check_grasps, plan_pick
+from pickproof.robots.plan.pick_request import (
+    CarriedPart,
+    Hand,
+    Lines,
+    MotionLimits,
+    PathSearch,
+    PickRequest,
+    PlacePoses,
+)
 from pickproof.scenarios.picking.cell_model import CellModel
 from pickproof.scenarios.picking.episode_state import EpisodeState, waits_at
 from pickproof.scenarios.picking.heap_heightmap import Scan
@@ -37,6 +44,7 @@ class ArmPlanner:
         self.planned = 0
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        """The pick of a candidate, or where planning ended."""
         cell, opening = self._cell, candidate.opening
         if opening not in self._scenes:
             self._scenes[opening] = self._scene(opening)
@@ -45,9 +53,8 @@ class ArmPlanner:
         if stop is not None:
             return stop
         self.planned += 1
-        request = request_of(cell, candidate, self._state, self._seed)
-        searched = self.planned <= SEARCHES
-        return plan_pick(scene, replace(request, pile_without=self._pile_without(candidate), searched=searched))
+        search = PathSearch(allowed=self.planned <= SEARCHES, seed=self._seed)
+        return plan_pick(scene, request_of(cell, candidate, self._state, search, self._pile_without(candidate)))
 
     def _scene(self, opening: float) -> CollisionScene:
         """The cell with the heap and what was placed, for a gripper that is `opening` [m] open."""
@@ -65,35 +72,41 @@ class ArmPlanner:
         return self._piles[k]
 
 
-def request_of(cell: CellModel, candidate: GraspCandidate, state: EpisodeState, seed: int) -> PickRequest:
-    """What the planner is asked for one candidate."""
+def request_of(
+    cell: CellModel,
+    candidate: GraspCandidate,
+    state: EpisodeState,
+    search: PathSearch,
+    pile_without: HeightField | None = None,
+) -> PickRequest:
+    """What the planner is asked for one candidate; `pile_without`: the scanned pile once its workpiece is out of it."""
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     held = HeldPart(cell.workpiece.pieces, T_tool_part)
     places = state.place.tool_poses(candidate.T_part_tool, candidate.opening)
     cups, middle = not isinstance(cell.gripper, ParallelJaw), cell.source.T_world_bin[:2, 3]
     retract = _retract_direction(candidate.T_world_tool, middle) if cups else (0.0, 0.0, 1.0)
+    load = Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0])
     return PickRequest(
         q_start=waits_at(cell, state),
         q_end=None,
         T_base_tool_grasp=candidate.T_world_tool,
-        Ts_base_tool_place=places,
-        T_flange_tool=T_flange_tool,
-        held=held,
-        approach=candidate.point.approach_distance,
-        retract_direction=retract,
-        retract=candidate.point.retract_distance,
-        clear=_out_of_bin(cell, held.seen_from(candidate.T_world_tool), retract[2]),
-        place_height=state.place.line,
-        carry_acceleration=cell.carry_acceleration,
-        seed=seed,
-        dt=cell.dt,
-        depart=0.0 if state.waits_at is None else state.place.line,
-        narrowing=_narrowing(cell, candidate.opening, state),
-        straight=cell.scenario.carry.straight,
-        straight_place=cell.scenario.straight_place,
-        place_rank=state.place.ranks(),
-        tool_load=Load(cell.gripper.mass, cell.gripper.centre),
-        part_load=Load(cell.workpiece.mass, apply(T_flange_tool @ T_tool_part, cell.workpiece.com[None])[0]),
+        places=PlacePoses(places, state.place.ranks()),
+        hand=Hand(
+            T_flange_tool, Load(cell.gripper.mass, cell.gripper.centre), _narrowing(cell, candidate.opening, state)
+        ),
+        part=CarriedPart(held, load, pile_without=pile_without),
+        lines=Lines(
+            approach=candidate.point.approach_distance,
+            retract=candidate.point.retract_distance,
+            retract_direction=retract,
+            out_of_bin=_out_of_bin(cell, held.seen_from(candidate.T_world_tool), retract[2]),
+            place=state.place.line,
+            depart=0.0 if state.waits_at is None else state.place.line,
+            straight=cell.scenario.carry.straight,
+            straight_place=cell.scenario.straight_place,
+        ),
+        limits=MotionLimits(carry_acceleration=cell.carry_acceleration, dt=cell.dt),
+        search=search,
     )
 
 

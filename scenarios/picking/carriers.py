@@ -30,7 +30,8 @@ class Planner(Protocol):
 
     planned: int
 
-    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure: ...
+    def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        """The pick of a candidate, or where planning ended."""
 
 
 class Carrier(Protocol):
@@ -76,22 +77,28 @@ class ArmCarrier:
         self._robot = robot
 
     def home(self, place: Bin, gripper: Gripper) -> Array:
+        """See `Carrier.home`."""
         return self._robot.home
 
     def build(self, world: World, gripper: Gripper) -> Arm:
+        """See `Carrier.build`."""
         return Arm(world, self._robot.urdf, self._robot.joints, gripper)
 
     def planner(self, cell: CellModel, frame: DepthFrame, state: EpisodeState, seed: int) -> Planner:
+        """See `Carrier.planner`."""
         return ArmPlanner(cell, frame, state, seed)
 
     def ranking_start(self, cell: CellModel, state: EpisodeState) -> Array:
+        """See `Carrier.ranking_start`."""
         return waits_at(cell, state)
 
     def raised(self, cell: CellModel, carry: Trajectory, height: float) -> Array:
+        """See `Carrier.raised`."""
         high = before_end(self._robot, carry, cell.gripper.T_flange_tool, height)
         return joint_move(self._robot, carry.q[-1], carry.q[high], RAISE_SPEED, cell.dt).q
 
     def waypoints(self, cell: CellModel, plan: PickPlan) -> Any:
+        """See `Carrier.waypoints`."""
         T_flange_tool, scenario = cell.gripper.T_flange_tool, cell.scenario
         points = waypoints_of(self._robot, plan, T_flange_tool, scenario.carry.straight, scenario.straight_place)
         return waypoints_to_json(points)
@@ -103,12 +110,15 @@ class FloatingCarrier:
     name = "gantry"  # written to replay files since the first version, so it stays
 
     def home(self, place: Bin, gripper: Gripper) -> Array:
+        """See `Carrier.home`."""
         return floating_home(place, gripper)
 
     def build(self, world: World, gripper: Gripper) -> Arm:
+        """See `Carrier.build`."""
         return floating_arm(world, gripper)
 
     def planner(self, cell: CellModel, frame: DepthFrame, state: EpisodeState, seed: int) -> Planner:
+        """See `Carrier.planner`."""
         return FloatingPlanner(cell, frame, state)
 
     def ranking_start(self, cell: CellModel, state: EpisodeState) -> Array:
@@ -116,7 +126,9 @@ class FloatingCarrier:
         return cell.robot.home
 
     def raised(self, cell: CellModel, carry: Trajectory, height: float) -> Array:
+        """See `Carrier.raised`."""
         return floating_raise(carry.q[-1], height, cell.dt)
 
     def waypoints(self, cell: CellModel, plan: PickPlan) -> Any:
+        """See `Carrier.waypoints`."""
         return None

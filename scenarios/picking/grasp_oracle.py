@@ -1,4 +1,4 @@
-"""The grasp oracle: a grasp is tried in a second physics before it is chosen; docs/statistics.md says why.
+"""The grasp oracle: a grasp is tried in a second physics before it is chosen; docs/explanation/attribution.md says why.
 
 The second physics holds the bin and the workpieces where they truly lie, and a floating gripper. It is built once
 an episode and the workpieces are put back before each trial, so a trial costs about half a second of one core.
@@ -47,6 +47,7 @@ class GraspOracle:
         self.arm = floating_arm(self.world, gripper)
 
     def close(self) -> None:
+        """Close the physics."""
         self.world.close()
 
     def refuses(self, candidate: GraspCandidate, truth: Snapshot) -> str:

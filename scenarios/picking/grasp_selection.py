@@ -6,7 +6,7 @@ The terms of the rank and their weights are in `grasping/ranking.py`; this adds 
 from __future__ import annotations
 
 from pickproof.cell.sensing.camera import DepthFrame
-from pickproof.grasping.candidates import Selection, select
+from pickproof.grasping.candidates import PartEstimates, PickScene, Selection, select
 from pickproof.grasping.grasp_points import GraspPoses
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.motion_time import with_motion
@@ -30,17 +30,9 @@ def _choose(
     cell: Workcell, frame: DepthFrame, estimates: Estimates, state: EpisodeState, attempt: int, grasps: GraspPoses
 ) -> Selection:
     weights = cell.scenario.grasping
-    selection = select(
-        estimates.Ts_world_part,
-        estimates.scores,
-        state.avoided(estimates.Ts_world_part, attempt, cell.scenario.stop.attempts_to_avoid),
-        grasps,
-        cell.workpiece,
-        cell.gripper,
-        cell.source,
-        cell.heap.points(cell, frame, estimates),
-        weights,
-        estimates.residuals,
-    )
+    avoided = state.avoided(estimates.Ts_world_part, attempt, cell.scenario.stop.attempts_to_avoid)
+    found = PartEstimates(estimates.Ts_world_part, estimates.scores, avoided, estimates.residuals)
+    scene = PickScene(cell.workpiece, cell.gripper, cell.source, cell.heap.points(cell, frame, estimates))
+    selection = select(found, grasps, scene, weights)
     start = cell.carrier.ranking_start(cell, state)
     return with_motion(selection, cell.robot, start, cell.gripper.T_flange_tool, weights)

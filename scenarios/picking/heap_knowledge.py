@@ -52,10 +52,12 @@ class MeasuredHeap:
         return np.concatenate([scene_points(cell, frame), hidden])
 
     def refuses(self, candidate: GraspCandidate) -> str:
+        """Nothing: what would hold is not known."""
         return ""
 
     def close(self) -> None:
-        return None
+        """See `HeapKnowledge.close`."""
+        return
 
 
 class TrueHeap:
@@ -65,10 +67,13 @@ class TrueHeap:
         self._oracle, self._observe = oracle, observe
 
     def points(self, cell: CellModel, frame: DepthFrame, estimates: Estimates) -> Array:
+        """Points on the workpieces where they truly are."""
         return true_points(cell, self._observe())
 
     def refuses(self, candidate: GraspCandidate) -> str:
+        """What the second physics said of the grasp."""
         return self._oracle.refuses(candidate, self._observe())
 
     def close(self) -> None:
+        """See `HeapKnowledge.close`."""
         self._oracle.close()

@@ -1,6 +1,6 @@
 """The motion oracle: a floating gripper moves, so nothing but the gripper itself can be in the way.
 
-No reach, no joint limits, no singularities, no arm that collides; docs/statistics.md says what that leaves.
+No reach, no joint limits, no singularities, no arm that collides; docs/explanation/attribution.md says what is left.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ class FloatingPlanner:
         self.planned = 0
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
+        """The pick of a candidate, or what the gripper would touch."""
         self.planned += 1
         line = _way_in(candidate.T_world_tool, self._height, candidate.point.approach_distance)
         if self._blocked(candidate, line):

@@ -1,6 +1,6 @@
 """The definition of success and of every failure: an attempt judged from physics and ground truth after the fact.
 
-`judge` is the definition; docs/scenarios.md says it in words.
+`judge` is the definition; docs/reference/definitions.md says it in words.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
+        """Whether nothing was wrong with the pick."""
         return self.reason == ""
 
 
@@ -72,7 +73,7 @@ def judge_pick(cell: CellModel, place: Place, executed: ExecutedPick) -> Outcome
 
 
 def judge(evidence: Evidence, force_limit: float, time_limit: float) -> Reason | Literal[""]:
-    """The reason why an attempt failed, empty for a success (definitions in docs/scenarios.md).
+    """The reason why an attempt failed, empty for a success (definitions in docs/reference/definitions.md).
 
     Args:
         force_limit: [N] hardest allowed touch of arm or gripper body. time_limit: [s].

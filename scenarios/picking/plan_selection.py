@@ -61,7 +61,7 @@ class _PlanSearch:
                 if not fault:
                     return self._take(i, found)
                 doubted.append((i, found))
-                self.refused[i] = RuledOut(Verdict.REHEARSAL, fault)
+                self.refused[i] = RuledOut(Verdict.TRIAL, fault)
             else:
                 self.refused[i] = found
                 reason = _worst(reason, found)

@@ -34,10 +34,12 @@ class NoRecorder:
     """Keeps nothing."""
 
     def start(self) -> None:
-        return None
+        """See `AttemptRecorder.start`."""
+        return
 
     def stop(self, record: AttemptRecord, considered: Considered) -> None:
-        return None
+        """See `AttemptRecorder.stop`."""
+        return
 
 
 NO_RECORDER = NoRecorder()

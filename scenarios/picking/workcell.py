@@ -17,7 +17,7 @@ from pickproof.cell.physics.arm import Arm
 from pickproof.cell.physics.bin_filling import fill_bin
 from pickproof.cell.physics.observation import Snapshot, observe
 from pickproof.cell.physics.world import World
-from pickproof.cell.sensing.camera import DepthFrame, render
+from pickproof.cell.sensing.camera import DepthFrame, RenderOptions, render
 from pickproof.cell.sensing.sensor_model import measure
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.grasping.grasp_points import load_grasps
@@ -133,8 +133,7 @@ class Workcell(CellModel):
             self.obstacles,
             camera.intrinsics,
             camera.T_world_camera,
-            sensor.projector_offset,
-            reflections=sensor.sees_reflections(self.workpiece.optics),
+            RenderOptions(sensor.projector_offset, sensor.sees_reflections(self.workpiece.optics)),
         )
         frame = measure(exact, camera.intrinsics, camera.T_world_camera, sensor, rng, self.workpiece.optics)
         return frame, exact.ids
@@ -153,7 +152,9 @@ def check_inputs(scenario: Scenario, oracle: frozenset[str]) -> None:
     if "perception" not in oracle:
         from pickproof.perception.ps6d.weights import load_weights, weights_path
 
-        load_weights(weights_path(workpiece), workpiece)
+        method, path = scenario.perception.method, weights_path(workpiece)
+        if method in ("ps6d", "both") or (method == "auto" and path.is_file()):
+            load_weights(path, workpiece)
 
 
 def table_of(scenario: Scenario) -> Path | None:

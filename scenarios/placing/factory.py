@@ -22,18 +22,37 @@ class Place(Protocol):
     """Where to put the next workpiece; see `PlacePlan` and `PatternPlan`."""
 
     @property
-    def line(self) -> float: ...
+    def line(self) -> float:
+        """[m] of straight line down to a pose."""
+
     @property
-    def fall(self) -> float: ...
+    def fall(self) -> float:
+        """[m] that a workpiece falls when it is let go."""
+
     @property
-    def rounds(self) -> int: ...
-    def placeable(self, Ts_part_tool: Array) -> np.ndarray: ...
-    def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array: ...
-    def ranks(self) -> tuple[int, ...]: ...
-    def fill(self, pose: int) -> None: ...
-    def pass_over(self) -> None: ...
-    def room(self, T_world_tool: Array, opening: float) -> bool: ...
-    def accepts(self, off: float, turned: float) -> bool: ...
+    def rounds(self) -> int:
+        """How often other slots can be offered until every one was."""
+
+    def placeable(self, Ts_part_tool: Array) -> np.ndarray:
+        """(n,) bool: held at `Ts_part_tool` (n, 4, 4), the workpiece can be put down."""
+
+    def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
+        """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool` (4, 4), most wanted first."""
+
+    def ranks(self) -> tuple[int, ...]:
+        """Rank of each pose of the last `tool_poses`; lower is better."""
+
+    def fill(self, pose: int) -> None:
+        """A workpiece was put down at this pose of the last `tool_poses`."""
+
+    def pass_over(self) -> None:
+        """Offer other slots from now on."""
+
+    def room(self, T_world_tool: Array, opening: float) -> bool:
+        """Whether the gripper, `opening` [m] open, has room at a TCP pose (4, 4)."""
+
+    def accepts(self, off: float, turned: float) -> bool:
+        """Whether a rest `off` [m] and `turned` [rad] from the wanted pose is within the tolerance."""
 
 
 def place_of(scenario: Scenario, bin: Bin, workpiece: Workpiece, gripper: Gripper) -> Place:

@@ -20,7 +20,8 @@ MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
 MAX_FALL = np.deg2rad(60.0)  # through which a workpiece may fall when it is let go at a slant
 SAME_FACE = np.deg2rad(8.0)  # between resting faces that count as one: half a step of an infinite symmetry and a little
 UNLIKELY = 0.1  # of the likeliest resting pose's probability: on such a face it stands, and falls at a touch
-SLOTS_OFFERED = 5
+SLOTS_AT_ONCE = 5
+"""Slots to which poses are proposed at a time."""
 ABOVE = 0.02  # [m] of the line down to a place over the rim, and over what stands there
 
 
@@ -66,8 +67,8 @@ class PlacePlan(SlotUsage):
 
     @property
     def rounds(self) -> int:
-        """How often other slots can be offered until every one was."""
-        return -(-len(self.slots.centres) // SLOTS_OFFERED)
+        """How often `pass_over` brings other slots until every one was tried."""
+        return -(-len(self.slots.centres) // SLOTS_AT_ONCE)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
         """(n,) bool: held so (n, 4, 4), the workpiece can be put down: in a heap always."""
@@ -82,7 +83,7 @@ class PlacePlan(SlotUsage):
         makes no difference here.
         """
         T_tool_part = np.linalg.inv(T_part_tool)
-        order = np.argsort(np.add(self.used, self.passed), kind="stable")[:SLOTS_OFFERED]
+        order = np.argsort(np.add(self.used, self.passed), kind="stable")[:SLOTS_AT_ONCE]
         poses, slots, leaning = [], [], []
         for kind, R in enumerate(self._tool_rotations(T_part_tool)):
             hang = make_transform(R) @ T_tool_part
@@ -95,7 +96,7 @@ class PlacePlan(SlotUsage):
             poses.append((self.bin.T_world_bin @ Ts_bin_tool).reshape(-1, 4, 4))
             slots.append(np.repeat(order, len(turns)))
             leaning.append(np.full(len(poses[-1]), kind > 0))
-        self.offered, self.leaning = np.concatenate(slots), np.concatenate(leaning)
+        self.slot_of_pose, self.leaning = np.concatenate(slots), np.concatenate(leaning)
         Ts_world_tool = np.concatenate(poses)
         self.tight = self._widest.hits_bin(Ts_world_tool, self.bin)
         return Ts_world_tool
@@ -121,7 +122,7 @@ class PlacePlan(SlotUsage):
 
     def ranks(self) -> tuple[int, ...]:
         """Of each pose in the last `tool_poses`: with room first, then flat ones, then emptier slots."""
-        used, more = np.array(self.used)[self.offered], max(self.used) + 1
+        used, more = np.array(self.used)[self.slot_of_pose], max(self.used) + 1
         return tuple(int(r) for r in 2 * more * self.tight + more * self.leaning + used)
 
     def room(self, T_world_tool: Array, opening: float) -> bool:

@@ -12,7 +12,7 @@ from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.clearance import OpenGripper
 from pickproof.scenarios.config.placing import PatternPlace
-from pickproof.scenarios.placing.heap_placing import ABOVE, MAX_LEAN, SLOTS_OFFERED
+from pickproof.scenarios.placing.heap_placing import ABOVE, MAX_LEAN, SLOTS_AT_ONCE
 from pickproof.scenarios.placing.slot_usage import SlotUsage
 
 HOVER = 0.001  # [m] over the wanted pose at which a workpiece is let go
@@ -53,8 +53,8 @@ class PatternPlan(SlotUsage):
 
     @property
     def rounds(self) -> int:
-        """How often other cells can be offered until every free one was."""
-        return -(-self.used.count(0) // SLOTS_OFFERED)
+        """How often `pass_over` brings other cells until every free one was tried."""
+        return -(-self.used.count(0) // SLOTS_AT_ONCE)
 
     def placeable(self, Ts_part_tool: Array) -> np.ndarray:
         """(n,) bool: held so (n, 4, 4), the workpiece can be put down in a cell of an empty bin.
@@ -73,11 +73,11 @@ class PatternPlan(SlotUsage):
     def tool_poses(self, T_part_tool: Array, opening: float = 0.0) -> Array:
         """TCP poses (k, 4, 4) that release a workpiece held at `T_part_tool`, in free cells, first ones first.
 
-        Every symmetric equivalent of the wanted pose is offered for which the gripper, `opening` [m] open, has room
+        Every symmetric equivalent of the wanted pose is among them for which the gripper, `opening` [m] open, has room
         beside bin and workpieces placed before.
         """
         free = np.flatnonzero(np.array(self.used) == 0)
-        order = free[np.argsort(np.array(self.passed)[free], kind="stable")][:SLOTS_OFFERED]
+        order = free[np.argsort(np.array(self.passed)[free], kind="stable")][:SLOTS_AT_ONCE]
         shape = OpenGripper.of(self.gripper.boxes(opening))
         poses, cells = [np.zeros((0, 4, 4))], list[int]()
         for cell in order:
@@ -86,15 +86,15 @@ class PatternPlan(SlotUsage):
             poses.append(Ts)
             cells += [int(cell)] * len(Ts)
         Ts_world_tool = np.concatenate(poses)
-        self.offered = np.asarray(cells, dtype=np.intp)
+        self.slot_of_pose = np.asarray(cells, dtype=np.intp)
         self.lean = np.arccos(np.clip(-Ts_world_tool[:, 2, 2], -1.0, 1.0))
         return Ts_world_tool
 
     def ranks(self) -> tuple[int, ...]:
         """Of each pose in the last `tool_poses`: earlier cells first, there what leans least, to 5 degrees."""
-        order = {int(cell): i for i, cell in enumerate(dict.fromkeys(self.offered.tolist()))}
+        order = {int(cell): i for i, cell in enumerate(dict.fromkeys(self.slot_of_pose.tolist()))}
         steps = np.rint(np.rad2deg(self.lean) / 5.0).astype(int)
-        return tuple(100 * order[int(cell)] + int(step) for cell, step in zip(self.offered, steps, strict=True))
+        return tuple(100 * order[int(cell)] + int(step) for cell, step in zip(self.slot_of_pose, steps, strict=True))
 
     def room(self, T_world_tool: Array, opening: float) -> bool:
         """Whether the gripper, `opening` [m] open, keeps off the bin and what was placed before."""

@@ -1,4 +1,4 @@
-"""Spots of a place bin that are offered and filled, whatever kind of place it is."""
+"""Which slots of a place bin are used, and which could not be reached, whatever kind of place it is."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ import numpy as np
 
 @dataclass
 class SlotUsage:
-    """What was offered, taken and passed over.
+    """Slots that are used, and slots that were passed over.
 
     Attributes:
-        used: workpieces released at each spot.
-        passed: how often each was offered and no motion to it was found; others come first then.
-        offered: (k,) spot of each pose that `tool_poses` returned last.
+        used: workpieces released in each slot.
+        passed: how often no motion to each was found; others come first then.
+        slot_of_pose: (k,) slot of each pose that `tool_poses` returned last.
     """
 
     used: list[int] = field(init=False)
     passed: list[int] = field(init=False)
-    offered: np.ndarray = field(init=False)
+    slot_of_pose: np.ndarray = field(init=False)
 
     def fill(self, pose: int) -> None:
         """Remember that a workpiece was released at the pose of this index in the last `tool_poses`."""
-        self.used[self.offered[pose]] += 1
+        self.used[self.slot_of_pose[pose]] += 1
 
     def pass_over(self) -> None:
-        """Offer other spots next time: no motion led to those of the last `tool_poses`."""
-        for spot in np.unique(self.offered):
-            self.passed[spot] += 1
+        """Put other slots first next time: no motion led to those of the last `tool_poses`."""
+        for slot in np.unique(self.slot_of_pose):
+            self.passed[slot] += 1
 
-    def _none_yet(self, spots: int) -> None:
-        self.used, self.passed, self.offered = [0] * spots, [0] * spots, np.zeros(0, dtype=np.intp)
+    def _none_yet(self, slots: int) -> None:
+        self.used, self.passed, self.slot_of_pose = [0] * slots, [0] * slots, np.zeros(0, dtype=np.intp)

@@ -58,6 +58,7 @@ class Replayed:
 
     @property
     def bins(self) -> tuple[Bin, Bin]:
+        """Source bin and place bin."""
         return self.scenario.source_bin.build(SOURCE), self.scenario.place_bin.build(PLACE)
 
     @property

@@ -31,7 +31,7 @@ COLOURS: dict[str, tuple[int, int, int]] = {
     Verdict.AVOIDED: (190, 170, 60),
     Verdict.TOLERANCE: (230, 190, 60),
     Verdict.SCORE: (150, 150, 150),
-    Verdict.REHEARSAL: (220, 60, 140),
+    Verdict.TRIAL: (220, 60, 140),
 }
 BIN, TABLE, TOOL = (88, 124, 160), (204, 199, 189), (60, 62, 68)
 PART, RIGHT, WRONG = (205, 170, 110), (40, 150, 90), (210, 60, 50)

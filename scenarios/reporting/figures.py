@@ -34,42 +34,37 @@ def as_json(figure: go.Figure) -> str:
     return str(figure.to_json()).replace("</", "<\\/")
 
 
+def _titled(text: str) -> dict[str, Any]:
+    return {"title": {"text": text, "x": 0.5, "font": {"size": 14}}}
+
+
 def pareto(reasons: Sequence[tuple[str, int, bool]]) -> go.Figure:
     """Failures and no-picks by reason, most frequent first, and their cumulated share.
 
     Args:
-        reasons: (reason, count, whether it is a no-pick).
+        reasons: (reason, count, whether it is a no-pick), two or more.
     """
-    names, counts, idle = [r[0] for r in reasons], [r[1] for r in reasons], [r[2] for r in reasons]
-    total = max(sum(counts), 1)
+    names = [reason.replace("_", " ") for reason, _, _ in reasons]
+    counts = [n for _, n, _ in reasons]
+    share = (100 * np.cumsum(counts) / max(sum(counts), 1)).tolist()
     figure = make_subplots(specs=[[{"secondary_y": True}]])
-    colours = [IDLE if i else BAD for i in idle]
-    figure.add_bar(x=[n.replace("_", " ") for n in names], y=counts, marker_color=colours, name="count")
-    figure.add_scatter(
-        x=[n.replace("_", " ") for n in names],
-        y=(100 * np.cumsum(counts) / total).tolist(),
-        mode="lines+markers",
-        line_color=INK,
-        name="cumulated, %",
-        secondary_y=True,
-    )
-    figure.update_layout(**LAYOUT, height=320)
-    figure.update_yaxes(title_text="count", secondary_y=False)
-    figure.update_yaxes(
-        title_text="cumulated, %", range=[0, 104], tickvals=[0, 25, 50, 75, 100], secondary_y=True, showgrid=False
-    )
+    figure.add_bar(x=names, y=counts, marker_color=[IDLE if i else BAD for _, _, i in reasons], name="count")
+    line: dict[str, Any] = {"mode": "lines+markers", "line_color": INK, "name": "cumulated, %"}
+    figure.add_scatter(x=names, y=share, secondary_y=True, **line)
+    figure.update_layout(**LAYOUT, **_titled("failures and no-picks"), height=320)
+    step = max(1, -(-max(counts) // 5))  # whole numbers alone
+    figure.update_yaxes(title_text="count", dtick=step, tickformat="d", rangemode="tozero", secondary_y=False)
+    percents: dict[str, Any] = {"range": [0, 104], "tickvals": [0, 25, 50, 75, 100], "showgrid": False}
+    figure.update_yaxes(title_text="cumulated, %", secondary_y=True, **percents)
     return figure
 
 
-def dependence(panels: Mapping[str, Sequence[Share]]) -> go.Figure:
-    """Success with its Wilson interval over classes of a value, a panel for each value."""
-    columns = 2
-    rows = -(-len(panels) // columns)
-    figure = make_subplots(rows, columns, subplot_titles=list(panels), vertical_spacing=0.2, horizontal_spacing=0.09)
-    for i, shares in enumerate(panels.values()):
-        rates = [100 * s.rate for s in shares]
-        low, high = ([abs(100 * s.bounds[k] - r) for s, r in zip(shares, rates, strict=True)] for k in (0, 1))
-        figure.add_scatter(
+def dependence(name: str, shares: Sequence[Share]) -> go.Figure:
+    """Success with its Wilson interval over classes of a value."""
+    rates = [100 * s.rate for s in shares]
+    low, high = ([abs(100 * s.bounds[k] - r) for s, r in zip(shares, rates, strict=True)] for k in (0, 1))
+    figure = go.Figure(
+        go.Scatter(
             x=[s.label for s in shares],
             y=rates,
             error_y={"type": "data", "array": high, "arrayminus": low, "symmetric": False, "color": "#9db4cc"},
@@ -77,62 +72,72 @@ def dependence(panels: Mapping[str, Sequence[Share]]) -> go.Figure:
             marker={"size": 9, "color": BLUE},
             customdata=[[s.good, s.n] for s in shares],
             hovertemplate="%{x}: %{y:.1f} % (%{customdata[0]} of %{customdata[1]})<extra></extra>",
-            row=i // columns + 1,
-            col=i % columns + 1,
         )
-    figure.update_layout(**LAYOUT, height=270 * rows)
+    )
+    figure.update_layout(**LAYOUT, **_titled(name), height=270)
     figure.update_yaxes(range=[-4, 105], title_text="success, %")
     figure.update_xaxes(type="category")
     return figure
 
 
-def heat_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.Figure:
-    """Success by where in the bin the chosen workpiece lay, seen from above; cells without an attempt stay empty."""
+def bin_map(good: np.ndarray, tried: np.ndarray, inner: Sequence[float]) -> go.Figure:
+    """Success by where in the bin the chosen workpiece lay, seen from above and to scale, with the bin's outline.
+
+    Args:
+        good, tried: (rows along y, columns along x) successes and attempts; cells without an attempt stay empty.
+        inner: inner size of the bin along x and y [m].
+    """
     ny, nx = tried.shape
     with np.errstate(invalid="ignore"):
         rate = np.where(tried > 0, 100 * good / np.maximum(tried, 1), np.nan)
-    x = 1000 * inner[0] * ((np.arange(nx) + 0.5) / nx - 0.5)
-    y = 1000 * inner[1] * ((np.arange(ny) + 0.5) / ny - 0.5)
     text = [[f"{g}/{n}" if n else "" for g, n in zip(*rows, strict=True)] for rows in zip(good, tried, strict=True)]
+    half_x, half_y = 500 * inner[0], 500 * inner[1]  # [mm]
     figure = go.Figure(
         go.Heatmap(
-            x=np.round(x, 1).tolist(),
-            y=np.round(y, 1).tolist(),
+            x=np.round(2 * half_x * ((np.arange(nx) + 0.5) / nx - 0.5), 1).tolist(),
+            y=np.round(2 * half_y * ((np.arange(ny) + 0.5) / ny - 0.5), 1).tolist(),
             z=[[None if np.isnan(v) else float(v) for v in row] for row in rate],
             text=text,
             texttemplate="%{text}",
             hovertemplate="x %{x} mm, y %{y} mm: %{z:.1f} % (%{text})<extra></extra>",
             zmin=0,
             zmax=100,
-            colorscale=[[0, BAD], [0.5, "#f0d9a8"], [1, GOOD]],
-            colorbar={"title": "%"},
-            xgap=2,
-            ygap=2,
+            colorscale="Cividis",  # read alike with every kind of colour vision
+            colorbar={"title": "%", "thickness": 14, "len": 0.9},
+            xgap=1,
+            ygap=1,
         )
     )
-    figure.update_layout(**LAYOUT, height=340)
-    figure.update_xaxes(title_text="x in the bin [mm]")
-    figure.update_yaxes(title_text="y in the bin [mm]", scaleanchor="x")
+    figure.add_shape(type="rect", x0=-half_x, x1=half_x, y0=-half_y, y1=half_y, line={"color": INK, "width": 3})
+    figure.update_layout(
+        **LAYOUT, **_titled("place in the bin"), height=int(np.clip(90 + 400 * inner[1] / inner[0], 240, 520))
+    )
+    figure.update_xaxes(title_text="x in the bin [mm]", range=[-1.06 * half_x, 1.06 * half_x], constrain="domain")
+    along_y: dict[str, Any] = {"scaleanchor": "x", "scaleratio": 1, "constrain": "domain"}
+    figure.update_yaxes(title_text="y in the bin [mm]", range=[-1.06 * half_y, 1.06 * half_y], **along_y)
     return figure
 
 
 def cycle(parts: Sequence[Mapping[str, Any]]) -> go.Figure:
-    """Where the time of a cycle goes: means stacked, with median and 95 % quantile on hovering."""
+    """Where the time of a cycle goes: mean of each part, one after the other, its name beside its bar."""
     figure = go.Figure()
+    begin = 0.0
     for part in parts:
         figure.add_bar(
-            y=["cycle"],
+            y=[part["name"]],
             x=[part["mean"]],
-            name=part["name"],
+            base=begin,
             orientation="h",
             marker_color=PARTS[part["name"]],
+            text=f"{part['mean']:.2f} s",
+            textposition="auto",
             hovertemplate=f"{part['name']}: mean {part['mean']:.2f} s, median {part['median']:.2f} s, "
             f"95 % under {part['high']:.2f} s<extra></extra>",
         )
-    figure.update_layout(**(LAYOUT | {"showlegend": True}), barmode="stack", height=170)
-    figure.update_layout(legend={"orientation": "h", "y": 1.5, "traceorder": "normal"})
-    figure.update_xaxes(title_text="[s]")
-    figure.update_yaxes(visible=False)
+        begin += part["mean"]
+    figure.update_layout(**(LAYOUT | {"margin": LAYOUT["margin"] | {"l": 78}}), **_titled("one cycle"), height=250)
+    figure.update_xaxes(title_text="[s] from the start of a cycle")
+    figure.update_yaxes(autorange="reversed")
     return figure
 
 

@@ -12,7 +12,7 @@ from pickproof.cell.html_page import page_template, png_uri
 from pickproof.grasping.verdict import CHOSEN
 from pickproof.scenarios.config.scenario import Scenario
 from pickproof.scenarios.files.atomic import write_whole
-from pickproof.scenarios.reporting.figures import as_json, cycle, dependence, heat_map, library, pareto
+from pickproof.scenarios.reporting.figures import as_json, bin_map, cycle, dependence, library, pareto
 from pickproof.scenarios.reporting.tables import (
     Share,
     by_place,
@@ -28,7 +28,7 @@ from pickproof.scenarios.reporting.verdict_counts import condensed, verdict_coun
 from pickproof.scenarios.results.records import MEANING, NO_PICK_REASONS, AttemptRecord
 from pickproof.scenarios.results.replay_file import path_of
 from pickproof.scenarios.results.store import Store
-from pickproof.scenarios.results.summary import interval, percent, seconds, summarise
+from pickproof.scenarios.results.summary import interval, leaves_parts, percent, seconds, summarise
 
 FILE = "report.html"
 PICTURE_BYTES = 3_500_000
@@ -97,15 +97,7 @@ def _embed(store: Store, attempts: Sequence[AttemptRecord], budget: int) -> tupl
 
 
 def _render(store: Store, directory: Path) -> str:
-    meta = store.meta()
     attempts = list(store.each_attempt(without=("waypoints",), tree=condensed))
-    summary = summarise(store, attempts)
-    moved = [a for a in attempts if a.moved]
-    no_picks = {str(r) for r in NO_PICK_REASONS}
-    reasons = [(r, n, r in no_picks) for r, n in summary["reasons"].items()]
-    shown = choose_shown(store, attempts)
-    scenario = Scenario.model_validate_json(meta["scenario"])
-    fill = fill_levels(attempts)
     template = page_template(
         "pickproof.scenarios.reporting",
         "report.html.j2",
@@ -114,49 +106,72 @@ def _render(store: Store, directory: Path) -> str:
         seconds=seconds,
         readable=_readable,
     )
-    return template.render(
-        s=summary,
-        meta=meta,
-        directory=directory,
-        unfinished=meta["episodes"] - summary["episodes"],
-        reasons=reasons,
-        most=max((n for _, n, _ in reasons), default=1),
-        meaning={str(k): v for k, v in MEANING.items()},
-        fill=fill,
-        grasps=grasp_points(attempts),
-        cycle=cycle_parts(attempts),
-        figures=_figures(scenario, attempts, fill, reasons),
-        plotly=library(),
-        verdicts=verdict_rows(attempts),
-        verdicts_of=lambda a: ", ".join(f"{n} {v}" for v, n in verdict_counts(a.tree).most_common() if v != CHOSEN),
-        shown=shown,
-        failures=sum(not a.success for a in moved),
-        failures_shown=sum(x.attempt.moved and not x.attempt.success for x in shown),
-        attempts=attempts[:ROWS_SHOWN],
-        omitted=max(0, len(attempts) - ROWS_SHOWN),
-        episodes=store.episodes(),
-        accuracy=_accuracy(moved),
-        scenario=json.dumps(json.loads(meta["scenario"]), indent=2),
-    )
+    summary = summarise(store, attempts)
+    numbers, pictures = _numbers(store.meta(), summary, attempts), _pictures(store, summary, attempts)
+    return template.render(**numbers, **pictures, directory=directory, episodes=store.episodes())
+
+
+def _numbers(meta: dict[str, Any], summary: dict[str, Any], attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
+    """What the page's tables show."""
+    scenario, grasps = Scenario.model_validate_json(meta["scenario"]), grasp_points(attempts)
+    return {
+        "s": summary,
+        "meta": meta,
+        "leaves_parts": leaves_parts(summary, scenario.stop.attempt_limit, scenario.count),
+        "unfinished": meta["episodes"] - summary["episodes"],
+        "reasons": _reasons(summary),
+        "most": max(summary["reasons"].values(), default=1),
+        "meaning": {str(k): v for k, v in MEANING.items()},
+        "fill": fill_levels(attempts),
+        "grasps": [g for g in grasps if g.n],
+        "unused_grasps": [g for g in grasps if not g.n],
+        "cycle": cycle_parts(attempts),
+        "verdicts": verdict_rows(attempts),
+        "verdicts_of": lambda a: ", ".join(f"{n} {v}" for v, n in verdict_counts(a.tree).most_common() if v != CHOSEN),
+        "attempts": attempts[:ROWS_SHOWN],
+        "omitted": max(0, len(attempts) - ROWS_SHOWN),
+        "accuracy": _accuracy([a for a in attempts if a.moved]),
+        "scenario": json.dumps(json.loads(meta["scenario"]), indent=2),
+    }
+
+
+def _pictures(store: Store, summary: dict[str, Any], attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
+    """Figures, and pictures of single attempts."""
+    shown = choose_shown(store, attempts)
+    scenario = Scenario.model_validate_json(store.meta()["scenario"])
+    return {
+        "figures": _figures(scenario, attempts, _reasons(summary)),
+        "plotly": library(),
+        "shown": shown,
+        "failures": sum(a.moved and not a.success for a in attempts),
+        "failures_shown": sum(x.attempt.moved and not x.attempt.success for x in shown),
+    }
+
+
+def _reasons(summary: dict[str, Any]) -> list[tuple[str, int, bool]]:
+    """Reason, count, and whether it is one of no-picks; most frequent first."""
+    no_picks = {str(r) for r in NO_PICK_REASONS}
+    return [(r, n, r in no_picks) for r, n in summary["reasons"].items()]
 
 
 def _figures(
-    scenario: Scenario, attempts: Sequence[AttemptRecord], fill: Sequence[Share], reasons: list[tuple[str, int, bool]]
+    scenario: Scenario, attempts: Sequence[AttemptRecord], reasons: Sequence[tuple[str, int, bool]]
 ) -> dict[str, str]:
     """Name -> figure as JSON; those that have nothing to show are left out."""
     panels: dict[str, Sequence[Share]] = {
-        "workpieces in the bin": [f for f in fill[::-1] if f.n],
+        "workpieces in the bin": [f for f in fill_levels(attempts)[::-1] if f.n],
         "uncovered share of the workpiece": classes(attempts, uncovered_percent, COVERED, " %"),
         "error of the chosen estimate": classes(attempts, lambda a: a.error_mm, ERRORS_MM, " mm"),
         "tilt of the workpiece": classes(attempts, tilt_deg, TILTS_DEG, " deg"),
     }
     panels = {name: shares for name, shares in panels.items() if any(s.n for s in shares)}
     good, tried = by_place(attempts, scenario.source_bin.build("source"))
-    found = {"pareto": pareto(reasons)} if reasons else {}
+    found = {"pareto": pareto(reasons)} if len(reasons) > 1 else {}
     if panels:
-        found |= {"dependence": dependence(panels), "cycle": cycle(cycle_parts(attempts))}
+        found["cycle"] = cycle(cycle_parts(attempts))
+        found |= {f"dependence_{i}": dependence(name, shares) for i, (name, shares) in enumerate(panels.items())}
     if tried.any():
-        found["heat_map"] = heat_map(good, tried, scenario.source_bin.inner)
+        found["bin_map"] = bin_map(good, tried, scenario.source_bin.inner)
     return {name: as_json(figure) for name, figure in found.items()}
 
 

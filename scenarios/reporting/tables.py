@@ -33,10 +33,12 @@ class Share:
 
     @property
     def rate(self) -> float:
+        """Share of the good ones; 0 where there are none."""
         return self.good / self.n if self.n else 0.0
 
     @property
     def bounds(self) -> tuple[float, float]:
+        """Its 95 % interval (Wilson)."""
         return wilson(self.good, self.n)
 
 

@@ -68,7 +68,7 @@ class CampaignResults:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The keys of summary.json (docs/scenarios.md), of what is there now."""
+        """The keys of summary.json (docs/reference/files.md), of what is there now."""
         with Store.read(self.directory) as store:
             return summarise(store)
 

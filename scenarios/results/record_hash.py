@@ -1,4 +1,4 @@
-"""The record hash: equal for the same picks on every machine; docs/determinism.md."""
+"""The record hash: equal for the same picks on every machine; docs/explanation/determinism.md."""
 
 from __future__ import annotations
 

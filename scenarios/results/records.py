@@ -1,4 +1,4 @@
-"""What is written down of an attempt and of an episode; definitions in docs/scenarios.md."""
+"""What is written down of an attempt and of an episode; definitions in docs/reference/definitions.md."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class AttemptRecord:
         part_poses_after: (n, 7) of all workpieces: position [m] and quaternion in the order x, y, z, w.
         tree: estimates -> grasps -> first reason that ruled each out; JSON.
         waypoints: points of the motion in order, as `robots.program.waypoints.waypoints_to_json` gives them; None in
-        no-picks.
+            no-picks.
         pictures: name -> PNG.
         wall_s: wall time of the attempt in [s].
     """

@@ -19,13 +19,16 @@ from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.statistics.intervals import cluster_interval, wilson
 
 FILE = "summary.json"
+CLEARANCE_WANTED = 0.9
+"""Clearance below which a rate alone would mislead: a good part of the workpieces stays in the bin."""
 
 
 def summarise(store: Store, attempts: Sequence[AttemptRecord] | None = None) -> dict[str, Any]:
-    """The summary of a results file, with the keys of docs/scenarios.md.
+    """The summary of a results file, with the keys of docs/reference/files.md.
 
-    Rates count attempts, finished episodes or not; clearance and ends count finished episodes. Mean times are over
-    attempts that were carried out. `reasons` holds the no-picks too.
+    Rates count attempts, finished episodes or not; clearance, parts left and ends count finished episodes. Mean times
+    are over attempts that were carried out; `picks_per_hour` counts the time of no-picks too. `reasons` holds the
+    no-picks too.
 
     Args:
         attempts: those of the store, where they have been read already.
@@ -62,11 +65,25 @@ def summarise(store: Store, attempts: Sequence[AttemptRecord] | None = None) -> 
         "reasons": dict(Counter(str(a.reason) for a in records if not a.success).most_common()),
         "ends": {end: sum(e.end == end for e in episodes) for end in ENDS},
         "cycle_s": cycle,
-        "picks_per_hour": 3600 / cycle["total"] * rate if cycle["total"] and rate is not None else None,
+        "parts_left_per_episode": sum(e.parts_dropped - e.parts_picked for e in episodes) / len(episodes)
+        if episodes
+        else None,
+        "picks_per_hour": _picks_per_hour(records),
         "wall_s": meta["wall_s"],
         "wall_per_attempt_s": sum(e.wall_s for e in episodes) / in_episodes if in_episodes else None,
         "record_hash": record_hash(records, episodes),
     }
+
+
+def _picks_per_hour(records: Sequence[AttemptRecord]) -> float | None:
+    """Successful picks an hour of cell time: cycles of the attempts, and the time in which the arm did not move."""
+    moved = [a for a in records if a.moved]
+    carried_out = [a for a in moved if a.reason != Reason.SIMULATION_ERROR]
+    if not carried_out:
+        return None
+    mean_s = sum(a.cycle_s for a in carried_out) / len(carried_out)  # an attempt that broke down counts with the mean
+    spent_s = mean_s * len(moved) + sum(a.cycle_s for a in records if not a.moved)
+    return 3600 * sum(a.success for a in moved) / spent_s if spent_s else None
 
 
 def _mean_cycle(attempts: Sequence[AttemptRecord]) -> dict[str, float | None]:
@@ -79,6 +96,11 @@ def _mean_cycle(attempts: Sequence[AttemptRecord]) -> dict[str, float | None]:
         "robot": sum(a.robot_s for a in attempts) / n,
         "total": sum(a.cycle_s for a in attempts) / n,
     }
+
+
+def leaves_parts(summary: dict[str, Any], attempt_limit: int, count: int) -> bool:
+    """Clearance is below `CLEARANCE_WANTED`, and not because the stop rule ends an episode before the bin is empty."""
+    return summary["clearance"] is not None and summary["clearance"] < CLEARANCE_WANTED and attempt_limit >= count
 
 
 def write_summary(directory: Path, summary: dict[str, Any]) -> Path:
@@ -120,7 +142,7 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
     )
     table.add_row("  95 %, picks of one bin correlated", interval(s["cluster95"]))
     table.add_row("  95 %, picks independent (Wilson)", interval(s["wilson95"]))
-    table.add_row("clearance", f"{percent(s['clearance'])} of the workpieces dropped")
+    table.add_row("clearance", f"{percent(s['clearance'])} of the workpieces dropped{_left(s)}")
     table.add_row("no-picks (arm not moved)", str(s["no_picks"]))
     table.add_row("failures and no-picks", counts(s["reasons"].items()))
     table.add_row("ends of episodes", counts(s["ends"].items()))
@@ -131,6 +153,11 @@ def print_summary(console: Console, summary: dict[str, Any]) -> None:
     table.add_row("wall time", f"{s['wall_s']:.0f} s, {seconds(s['wall_per_attempt_s'])} an attempt and core")
     table.add_row("record hash", s["record_hash"][:16])
     console.print(table)
+
+
+def _left(summary: dict[str, Any]) -> str:
+    left = summary["parts_left_per_episode"]
+    return f"; {left:.1f} left a bin" if left else ""
 
 
 def counts(items: Iterable[tuple[str, int]]) -> str:

@@ -1,4 +1,4 @@
-"""Intervals for a pick success rate and for the difference of two, docs/statistics.md says how far to trust them.
+"""Intervals for a pick success rate and for the difference of two (docs/explanation/statistics.md).
 
 Picks of one bin are not independent: a heap that is hard to pick is hard more than once. `wilson` ignores that,
 `cluster_interval` does not. Both stay inside [0, 1] and neither has width 0, whatever the counts.
@@ -44,7 +44,7 @@ def cluster_interval(successes: Sequence[int], attempts: Sequence[int]) -> tuple
     The hull of Wilson's interval and the equal-tailed posterior interval of the mean of a beta-binomial
     distribution, with Jeffreys' prior for the mean and `ICC_PRIOR` for the correlation, which few episodes or
     few failures cannot show. In simulation it covers where a cluster bootstrap, percentile or BCa, does not
-    (docs/statistics.md).
+    (docs/explanation/statistics.md).
 
     Args:
         successes, attempts: of each episode; episodes without an attempt say nothing.
@@ -146,9 +146,34 @@ def difference_intervals(first: tuple[Array, Array], second: tuple[Array, Array]
 
 def difference_variances(first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
     """Variance of the paired difference of two pooled rates, as `difference_interval` takes it; (campaigns,)."""
+    m1, m2 = first[1], second[1]
+    n1, n2 = m1.sum(1), m2.sum(1)
+    size = ((m1**2).sum(1) + (m2**2).sum(1)) / (n1 + n2)  # mean episode size, weighted by attempts
+    unseen = UNSEEN_FAILURES * (1 + (size - 1) * UNSEEN_ICC) / (n1 * n2)
+    return _linearised_variances(first, second) + unseen
+
+
+def ratio_difference_interval(
+    first: tuple[Sequence[float], Sequence[float]], second: tuple[Sequence[float], Sequence[float]]
+) -> tuple[float, float]:
+    """95 % interval of the difference of two ratios of sums over the same episodes, second minus first.
+
+    For measured quantities, such as seconds an attempt: the variance is `difference_interval`'s, without what stands
+    there for failures that were not seen.
+
+    Args:
+        first, second: numerators and denominators of each of two or more episodes, in the same order.
+    """
+    sides = tuple(tuple(np.asarray(part, dtype=float)[None] for part in side) for side in (first, second))
+    (a, m), (b, n) = sides
+    difference = float(b.sum() / n.sum() - a.sum() / m.sum())
+    half = float(stdtrit(a.shape[1] - 1, 0.975) * np.sqrt(_linearised_variances((a, m), (b, n))[0]))
+    return (difference - half, difference + half)
+
+
+def _linearised_variances(first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
+    """Variance of the paired difference of two ratios of sums (Kish 1965, section 6.4); (campaigns,)."""
     (s1, m1), (s2, m2) = first, second
     n1, n2, episodes = m1.sum(1), m2.sum(1), s1.shape[1]
     residual = (s2 - (s2.sum(1) / n2)[:, None] * m2) / n2[:, None] - (s1 - (s1.sum(1) / n1)[:, None] * m1) / n1[:, None]
-    size = ((m1**2).sum(1) + (m2**2).sum(1)) / (n1 + n2)  # mean episode size, weighted by attempts
-    unseen = UNSEEN_FAILURES * (1 + (size - 1) * UNSEEN_ICC) / (n1 * n2)
-    return episodes / (episodes - 1) * (residual**2).sum(1) + unseen
+    return np.asarray(episodes / (episodes - 1) * (residual**2).sum(1))

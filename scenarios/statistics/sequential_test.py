@@ -24,7 +24,7 @@ Decision = Literal["passed", "worse", "undecided"]
 DECISIONS: tuple[Decision, ...] = ("undecided", "worse", "passed")
 
 _SHARES = (np.arange(24) + 0.5) / 24
-_WEIGHTS = beta.pdf(_SHARES, 2.5, 1.25) / beta.pdf(_SHARES, 2.5, 1.25).sum()  # chosen by simulation, docs/statistics.md
+_WEIGHTS = beta.pdf(_SHARES, 2.5, 1.25) / beta.pdf(_SHARES, 2.5, 1.25).sum()  # chosen by simulation
 
 
 @dataclass(frozen=True)

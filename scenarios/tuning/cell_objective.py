@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pickproof.grasping.grasp_points import GraspPoint
@@ -16,15 +17,14 @@ from pickproof.scenarios.config.scenario import Scenario, scenario_json, weights
 from pickproof.scenarios.files.atomic import free_folder, write_whole
 from pickproof.scenarios.files.grasps_text import table_text
 from pickproof.scenarios.results.store import FILE, Store
-from pickproof.scenarios.tuning.plan import HOLDOUT, Plan, Tell
+from pickproof.scenarios.tuning.cell_space import Cell
+from pickproof.scenarios.tuning.plan import HOLDOUT, Deadline, Plan, Runners
 
 
-def run_cell(
-    plan: Plan, runner: Runner, points: Sequence[GraspPoint], scenario: Scenario, episodes: int
-) -> list[Outcome]:
+def run_cell(plan: Plan, runner: Runner, cell: Cell, episodes: int) -> list[Outcome]:
     """The first episodes of a candidate; what its folder holds already is not run again."""
-    key = hashlib.sha256(f"{_plain(scenario)} {points_hash(points)}".encode()).hexdigest()[:16]
-    return run_folder(plan, runner, plan.out / "campaigns" / key, points, scenario, plan.scenario.seed, episodes)
+    key = hashlib.sha256(f"{_plain(cell.scenario)} {points_hash(cell.points)}".encode()).hexdigest()[:16]
+    return run_folder(plan, runner, plan.out / "campaigns" / key, cell, Bins(plan.scenario.seed, episodes))
 
 
 def points_hash(points: Sequence[GraspPoint]) -> str:
@@ -32,29 +32,23 @@ def points_hash(points: Sequence[GraspPoint]) -> str:
     return hashlib.sha256("\n".join(p.model_dump_json() for p in points).encode()).hexdigest()[:16]
 
 
-def run_folder(
-    plan: Plan,
-    runner: Runner,
-    folder: Path,
-    points: Sequence[GraspPoint],
-    scenario: Scenario,
-    seed: int,
-    episodes: int,
-) -> list[Outcome]:
-    """Episodes from `seed` on with grasp points of their own, in order of seed."""
-    own, text = folder / "grasps.yaml", table_text(list(points), plan.gripper)
-    scenario = scenario.model_copy(update={"grasps": str(own.resolve()), "seed": seed})
-    there = (folder / FILE).is_file()
-    if there and (own.read_text(encoding="utf-8") != text or _scenario_of(folder) != _plain(scenario)):
-        folder.rename(free_folder(folder))  # of what an earlier end of the search proposed
-        there = False
-    if not there:
-        write_whole(own, text)
-    if not there or _ended(folder, seed + episodes) < episodes:
+@dataclass(frozen=True)
+class Bins:
+    """Bins to be emptied: `episodes` of them, seeded from `seed` on."""
+
+    seed: int
+    episodes: int
+
+
+def run_folder(plan: Plan, runner: Runner, folder: Path, cell: Cell, bins: Bins) -> list[Outcome]:
+    """Episodes of a cell with its own grasp points, in order of seed; `folder` keeps them."""
+    scenario, there = _prepared(plan, folder, cell, bins.seed)
+    end = bins.seed + bins.episodes
+    if not there or _ended(folder, end) < bins.episodes:
         request = CampaignRequest(
             scenario=scenario,
-            episodes=max(episodes, _asked(folder) if there else 0),
-            seed=seed,
+            episodes=max(bins.episodes, _asked(folder) if there else 0),
+            seed=bins.seed,
             workers=plan.workers,
             ray=plan.ray,
             oracle=plan.oracle,
@@ -68,27 +62,33 @@ def run_folder(
         run_campaign(request)
     with Store.read(folder) as store:
         found = outcomes(store.attempts(large=False), store.episodes())
-    return sorted((o for o in found if o.seed < seed + episodes), key=lambda o: o.seed)
+    return sorted((o for o in found if o.seed < end), key=lambda o: o.seed)
 
 
-def on_unseen_bins(
-    plan: Plan,
-    runner: Runner,
-    points: Sequence[GraspPoint],
-    scenario: Scenario,
-    tell: Tell,
-    go_on: Callable[[], bool],
-) -> Comparison:
-    """Both over bins that the search has not seen, as many as the budget lets."""
+def _prepared(plan: Plan, folder: Path, cell: Cell, seed: int) -> tuple[Scenario, bool]:
+    """The scenario that reads the grasp points written to `folder`, and whether results of the cell are there.
+
+    Results of another cell, which an earlier end of the search proposed, are moved out of the way.
+    """
+    own, text = folder / "grasps.yaml", table_text(cell.points, plan.gripper)
+    scenario = cell.scenario.model_copy(update={"grasps": str(own.resolve()), "seed": seed})
+    there = (folder / FILE).is_file()
+    if there and (own.read_text(encoding="utf-8") != text or _scenario_of(folder) != _plain(scenario)):
+        folder.rename(free_folder(folder))
+        there = False
+    if not there:
+        write_whole(own, text)
+    return scenario, there
+
+
+def on_unseen_bins(plan: Plan, runners: Runners, cell: Cell, go_on: Deadline) -> Comparison:
+    """The cell as it was and the proposed one over bins that the search has not seen, as many as the budget lets."""
     seed = plan.scenario.seed + HOLDOUT
-    sides: Iterable[tuple[str, Sequence[GraspPoint], Scenario]] = (
-        ("old", plan.points, plan.scenario),
-        ("new", points, scenario),
-    )
+    sides = {"old": Cell(list(plan.points), plan.scenario), "new": cell}
     for n in [*range(plan.block, plan.holdout, plan.block), plan.holdout]:
-        for name, own, cell in sides:
-            run_folder(plan, runner, plan.out / name, own, cell, seed, n)
-        tell("unseen bins", n, plan.holdout)
+        for name, side in sides.items():
+            run_folder(plan, runners.episode, plan.out / name, side, Bins(seed, n))
+        runners.tell("unseen bins", n, plan.holdout)
         if n >= 2 and not go_on():
             break
     return compare(plan.out / "old", plan.out / "new")

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from optuna.storages import JournalStorage
 
-from pickproof.grasping.grasp_points import GraspPoint
-from pickproof.scenarios.campaign.executor import Runner
 from pickproof.scenarios.comparison.paired import Outcome
 from pickproof.scenarios.tuning.cell_objective import points_hash, run_cell
-from pickproof.scenarios.tuning.grasp_stage import GraspChange
+from pickproof.scenarios.tuning.cell_space import PRIORITY, TABLE, candidate, cell_parameters
+from pickproof.scenarios.tuning.grasp_stage import TunedGrasps
 from pickproof.scenarios.tuning.optimizer import Search, Told, Trial, Values, run_searches
-from pickproof.scenarios.tuning.plan import Plan, Tell
+from pickproof.scenarios.tuning.plan import Deadline, Plan, Runners
 from pickproof.scenarios.tuning.racing import Finish, race
-from pickproof.scenarios.tuning.search_space import PRIORITY, TABLE, candidate, cell_parameters
 
 PER_ROUND = 4
 """Cells of a round; fixed, so that the outcome is the same for any number of workers."""
@@ -24,32 +22,24 @@ SHRINK_EPISODES = 2  # without any gain, that every candidate is taken to have r
 CELL = "cell"
 
 
-def tune_cell(
-    plan: Plan,
-    journal: JournalStorage,
-    runner: Runner,
-    tuned: Sequence[GraspPoint],
-    changes: Sequence[GraspChange],
-    tell: Tell,
-    go_on: Callable[[], bool],
-) -> Search:
+def tune_cell(plan: Plan, journal: JournalStorage, runners: Runners, grasps: TunedGrasps, go_on: Deadline) -> Search:
     """The second stage: tables, priorities, weights and fields in campaigns over the same bins."""
     points = [p for p in plan.points if p.name in plan.names]
-    any_moved = any(c.changed for c in changes)
+    any_moved = any(c.changed for c in grasps.changes)
     parameters = cell_parameters(points, plan.scenario, plan.fields, any_moved)
     start = {p.name: p.start for p in parameters}
-    shares = {PRIORITY + c.name: c.share[1] for c in changes}
+    shares = {PRIORITY + c.name: c.share[1] for c in grasps.changes}
     given = [start | {TABLE: 1}, start | {TABLE: 1} | shares] if any_moved else [start | shares] if shares else []
     # with more generations of the grasps the moved table is another one, and what is known of the old one is not used
-    search = Search(journal, f"{CELL} {points_hash(tuned)}", parameters, plan.scenario.seed, given)
+    search = Search(journal, f"{CELL} {points_hash(grasps.points)}", parameters, plan.scenario.seed, given)
     done = 0
 
     def outcomes_of(key: tuple[tuple[str, float], ...], n: int) -> list[Outcome]:
         nonlocal done
-        own_points, scenario = candidate(dict(key), (plan.points, tuned), plan.scenario)
-        found = run_cell(plan, runner, own_points, scenario, n)
+        cell = candidate(dict(key), (plan.points, grasps.points), plan.scenario)
+        found = run_cell(plan, runners.episode, cell, n)
         done += 1
-        tell("blocks of bins, this round", done, 0)
+        runners.tell("blocks of bins, this round", done, 0)
         return found
 
     def evaluate(asked: list[tuple[str, Values]]) -> list[Told]:

@@ -8,8 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from pickproof.scenarios.reporting.figures import BAD, BLUE, GOOD, IDLE, LAYOUT
+from pickproof.scenarios.tuning.cell_space import TABLE
 from pickproof.scenarios.tuning.optimizer import Trial
-from pickproof.scenarios.tuning.search_space import TABLE
 
 SHOWN = 12  # parameters in the figure of importance
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +13,11 @@ from pickproof.cell.frames import Array, apply, from_rpy, invert
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
+from pickproof.grasping.candidates import GraspCandidate
 from pickproof.grasping.grasp_points import GraspPoint, opening
 from pickproof.scenarios.grasp_trials.check import lying
 from pickproof.scenarios.grasp_trials.robustness import KEYS
-from pickproof.scenarios.grasp_trials.trial import SHIFT, TrialCell, off_by, turns
+from pickproof.scenarios.grasp_trials.trial import SHIFT, Trial, TrialCell, moved_by_error, turn_errors
 from pickproof.scenarios.tuning.optimizer import Told
 
 DRAWS = 6
@@ -48,10 +51,10 @@ def draw_errors(
 
     Args:
         p95: size in [mm] and [deg] by direction that 95 % of perception's stay under; None for deviations of 1.5 mm
-            and 2 degrees, less about an axis that the workpiece stands out far from (`turns`).
+            and 2 degrees, less about an axis that the workpiece stands out far from (`turn_errors`).
     """
     if p95 is None:
-        deviation = np.concatenate([[SHIFT] * 3, turns(workpiece)])
+        deviation = np.concatenate([[SHIFT] * 3, turn_errors(workpiece)])
     else:
         sizes = np.array([p95[key] for key in KEYS]) / 1.96
         deviation = np.concatenate([1e-3 * sizes[:3], np.deg2rad(sizes[3:])])
@@ -69,37 +72,51 @@ def try_point(task: GraspTask) -> Told:
     """
     cell, resting = _cell(task.workpiece, task.gripper)
     cell.rebuild()
-    worth: list[float] = []
-    held, tried, slip, pushed, reasons = 0, 0, 0.0, 0.0, []
+    tries = _tries(cell, resting, task)
+    value = float(np.mean([worth for _, worth in tries])) if tries else 0.0
+    return Told(value - _cost(task), _detail([trial for trial, _ in tries]))
+
+
+def _tries(cell: TrialCell, resting: Array, task: GraspTask) -> list[tuple[Trial, float]]:
+    """The grasp under every error in POSES_TRIED resting poses, each with its worth; given up where it is HOPELESS."""
+    tries: list[tuple[Trial, float]] = []
     for k, candidates in list(lying(task.point, resting, cell.workpiece, cell.gripper))[:POSES_TRIED]:
         spread = np.linspace(0, len(candidates) - 1, len(task.errors)).round().astype(int)
         for i, error in enumerate(task.errors):
-            one = candidates[spread[i]]
-            T_world_tool = off_by(error, cell, resting[k]) @ one.T_world_tool
-            trial = cell.try_grasp(resting[k], T_world_tool, one.opening)
-            tried += 1
-            held += trial.held
-            slip = max(slip, trial.slip)
-            if trial.held:
-                pushed = max(pushed, trial.pushed)
-                way = PUSH_COST * min(trial.pushed / PUSHED, 1.0)
-                worth.append(1.0 - 0.5 * min(trial.slip / SLIP, 1.0) - way)
-            else:
-                near = STRADDLED * straddled(cell, resting[k], one.T_world_tool, one.opening)
-                worth.append(NEARLY.get(trial.reason, near))
-                reasons.append(trial.reason)
-            if i + 1 == HOPELESS and not held:
-                break
-        else:
-            continue
-        break
+            grasp = candidates[spread[i]]
+            T_world_tool = moved_by_error(error, resting[k], cell.workpiece) @ grasp.T_world_tool
+            trial = cell.try_grasp(resting[k], T_world_tool, grasp.opening)
+            tries.append((trial, _worth(cell, resting[k], grasp, trial)))
+            if i + 1 == HOPELESS and not any(t.held for t, _ in tries):
+                return tries
+    return tries
+
+
+def _worth(cell: TrialCell, T_world_part: Array, grasp: GraspCandidate, trial: Trial) -> float:
+    """Of one trial, 1 at most: less where the workpiece slid or was pushed, little where it was not held."""
+    if trial.held:
+        return 1.0 - 0.5 * min(trial.slip / SLIP, 1.0) - PUSH_COST * min(trial.pushed / PUSHED, 1.0)
+    near = STRADDLED * straddled(cell, T_world_part, grasp.T_world_tool, grasp.opening)
+    return NEARLY.get(trial.reason, near)
+
+
+def _cost(task: GraspTask) -> float:
+    """Of a wide opening and of being far from the start."""
     wide = (opening(task.point) - task.point.width) / 0.03
-    cost = OPEN_COST * wide + FAR_COST * task.distance
-    share = held / tried if tried else 0.0
+    return OPEN_COST * wide + FAR_COST * task.distance
+
+
+def _detail(trials: Sequence[Trial]) -> dict[str, Any]:
+    """What is kept beside the value: share held, largest slip and push, and the most frequent reason of failure."""
+    reasons = [t.reason for t in trials if not t.held]
     reason = max(set(reasons), key=lambda r: (reasons.count(r), r)) if reasons else ""
-    detail = {"share": share, "trials": tried, "slip_mm": round(1000 * slip, 3), "reason": reason}
-    detail["pushed_mm"] = round(1000 * pushed, 3)
-    return Told((float(np.mean(worth)) if worth else 0.0) - cost, detail if tried else detail | {"reason": "no room"})
+    return {
+        "share": sum(t.held for t in trials) / len(trials) if trials else 0.0,
+        "trials": len(trials),
+        "slip_mm": round(1000 * max((t.slip for t in trials), default=0.0), 3),
+        "reason": reason if trials else "no room",
+        "pushed_mm": round(1000 * max((t.pushed for t in trials if t.held), default=0.0), 3),
+    }
 
 
 def straddled(cell: TrialCell, T_world_part: Array, T_world_tool: Array, wide: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +11,10 @@ from pickproof.cell.frames import Array
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import GraspPoint
-from pickproof.scenarios.campaign.parallel_map import Map
 from pickproof.scenarios.tuning.grasp_objective import GraspTask, draw_errors
+from pickproof.scenarios.tuning.grasp_space import distance, grasp_parameters, moved
 from pickproof.scenarios.tuning.optimizer import Search, Told, Trial, Values, run_searches
-from pickproof.scenarios.tuning.plan import Plan, Tell
-from pickproof.scenarios.tuning.search_space import distance, grasp_parameters, moved
+from pickproof.scenarios.tuning.plan import Deadline, Plan, Runners
 
 PER_GRASP = 6
 """Trials in a generation of each grasp; fixed, so that the outcome is the same for any number of workers."""
@@ -37,14 +35,7 @@ class GraspChange:
     reason: tuple[str, str]
 
 
-def tune_grasps(
-    plan: Plan,
-    journal: JournalStorage,
-    run: Map,
-    tell: Tell,
-    trial: Callable[[GraspTask], Told],
-    go_on: Callable[[], bool],
-) -> dict[str, Search]:
+def tune_grasps(plan: Plan, journal: JournalStorage, runners: Runners, go_on: Deadline) -> dict[str, Search]:
     """The first stage: each grasp by itself on a lone workpiece, under the same errors of the pose in every trial."""
     gripper = load_gripper(plan.scenario.gripper)
     points = {p.name: p for p in plan.points if p.name in plan.names}
@@ -60,25 +51,31 @@ def tune_grasps(
             for name, values in asked
         ]
         told = []
-        for result in run(trial, tasks):
+        for result in runners.map(runners.trial, tasks):
             told.append(result)
-            tell("trials of grasps, this generation", len(told), len(tasks))
+            runners.tell("trials of grasps, this generation", len(told), len(tasks))
         return told
 
     run_searches(searches, evaluate, PER_GRASP, plan.generations, go_on)
     return searches
 
 
-def settle(
-    plan: Plan, searches: dict[str, Search], run: Map, trial: Callable[[GraspTask], Told]
-) -> tuple[list[GraspChange], list[GraspPoint]]:
-    """Before and after of every grasp under unseen errors, and the table with those moved that are worth it."""
-    fresh, unseen = _errors(plan, 1), _errors(plan, 2)
+@dataclass(frozen=True)
+class TunedGrasps:
+    """What the first stage found: of each grasp that was tuned its change, and the table with those moved that gain."""
+
+    changes: list[GraspChange]
+    points: list[GraspPoint]
+
+
+def settle(plan: Plan, searches: dict[str, Search], runners: Runners) -> TunedGrasps:
+    """Try every grasp before and after under unseen errors, and move those in the table that are worth it."""
+    unseen = _errors(plan, 2)
     old = {p.name: p for p in plan.points if p.name in searches}
-    new = _finals(plan, searches, old, fresh, run, trial)
+    new = _finals(plan, searches, old, runners)
     tasks = [_task(plan, point, unseen) for point in old.values()]
     tasks += [_task(plan, moved(old[name], best.values), unseen) for name, best in new.items()]
-    told = list(run(trial, tasks))
+    told = list(runners.map(runners.trial, tasks))
     was, now = dict(zip(old, told, strict=False)), dict(zip(new, told[len(old) :], strict=True))
     changes = []
     for name, search in searches.items():
@@ -93,21 +90,15 @@ def settle(
                 (was[name].detail["reason"], after.detail["reason"]),
             )
         )
-    return changes, [moved(p, new[p.name].values) if p.name in new else p for p in plan.points]
+    return TunedGrasps(changes, [moved(p, new[p.name].values) if p.name in new else p for p in plan.points])
 
 
-def _finals(
-    plan: Plan,
-    searches: dict[str, Search],
-    old: dict[str, GraspPoint],
-    errors: Array,
-    run: Map,
-    trial: Callable[[GraspTask], Told],
-) -> dict[str, Trial]:
+def _finals(plan: Plan, searches: dict[str, Search], old: dict[str, GraspPoint], runners: Runners) -> dict[str, Trial]:
     """Of each search the best of its FINALISTS under other errors too, where it beats the start by WORTH.
 
     The best of a hundred trials under seven errors is the one that suits these seven.
     """
+    errors = _errors(plan, 1)
     heats: list[tuple[str, Trial]] = []
     for name, search in searches.items():
         start = next((t for t in search.trials if t.number == 0), None)
@@ -119,7 +110,7 @@ def _finals(
         for name, t in heats
     ]
     means: dict[str, list[tuple[float, Trial]]] = {}
-    for (name, t), told in zip(heats, run(trial, tasks), strict=True):
+    for (name, t), told in zip(heats, runners.map(runners.trial, tasks), strict=True):
         means.setdefault(name, []).append(((t.value + told.value) / 2, t))
     best = {name: max(rows, key=lambda row: (row[0], -row[1].number)) for name, rows in means.items()}
     return {name: t for name, (mean, t) in best.items() if mean >= means[name][0][0] + WORTH}

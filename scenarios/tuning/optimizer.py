@@ -43,6 +43,7 @@ class Parameter:
 
     @property
     def distribution(self) -> BaseDistribution:
+        """The range as Optuna takes it."""
         if self.integer:
             return IntDistribution(math.ceil(self.low), math.floor(self.high))
         return FloatDistribution(self.low, self.high)

@@ -1,4 +1,4 @@
-"""What `pickproof tune` is asked to do: the plan of a search, and the constants of its stages."""
+"""What `pickproof tune` is asked to do, and what runs its trials and episodes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pickproof.grasping.grasp_points import GraspPoint
+from pickproof.scenarios.campaign.job import Runner
+from pickproof.scenarios.campaign.parallel_map import Map
 from pickproof.scenarios.config.scenario import Scenario
-from pickproof.scenarios.tuning.search_space import Field, Reach
+from pickproof.scenarios.tuning.grasp_objective import GraspTask, try_point
+from pickproof.scenarios.tuning.grasp_space import Reach
+from pickproof.scenarios.tuning.optimizer import Told
+from pickproof.scenarios.tuning.scenario_fields import Field
 
 HOLDOUT = 1_000_000
 """Added to the seed for the bins of the final comparison, which the search never sees."""
 Tell = Callable[[str, int, int], None]
 """Called as the work goes on: stage, done, of how many (0 where that is not known)."""
+Deadline = Callable[[], bool]
+"""Asked between steps: whether there is time for another one."""
 
 
 @dataclass(frozen=True)
@@ -49,3 +56,24 @@ class Plan:
     workers: int = 1
     ray: str | None = None
     command: str = ""
+
+
+def _tell_nobody(stage: str, done: int, total: int) -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class Runners:
+    """What a search runs on.
+
+    Attributes:
+        map: as the built-in `map`, over the trials of a generation.
+        episode: runs one episode.
+        trial: tries one grasp on a lone workpiece.
+        tell: called as the work goes on.
+    """
+
+    map: Map
+    episode: Runner
+    trial: Callable[[GraspTask], Told] = try_point
+    tell: Tell = _tell_nobody

@@ -17,17 +17,18 @@ from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.html_page import page_template
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import GraspPoint, opening
-from pickproof.scenarios.comparison.compare import points as in_points
-from pickproof.scenarios.comparison.compare import span, verdict_line
+from pickproof.scenarios.comparison.compare_text import verdict_line
+from pickproof.scenarios.comparison.difference import points as in_points
+from pickproof.scenarios.comparison.difference import span
 from pickproof.scenarios.files.atomic import write_whole
 from pickproof.scenarios.reporting.figures import as_json, library
 from pickproof.scenarios.reporting.part_pictures import moved_picture
 from pickproof.scenarios.results.summary import percent
 from pickproof.scenarios.tuning.cell_stage import CELL
 from pickproof.scenarios.tuning.figures import best_so_far, cells, importance_of_cells, importance_of_grasps
+from pickproof.scenarios.tuning.grasp_space import grip_axes
 from pickproof.scenarios.tuning.plan import Plan
 from pickproof.scenarios.tuning.run import Result
-from pickproof.scenarios.tuning.search_space import grip_axes
 
 REPORT = "tune.html"
 

@@ -1,27 +1,23 @@
-"""`pickproof tune` from its plan to its result: grasps, whole cells, and the bins that nobody has seen which decide."""
+"""`pickproof tune` from its plan to its result: grasps, whole cells, and the unseen bins, which decide."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from optuna.storages import JournalStorage
 
 from pickproof.grasping.grasp_points import GraspPoint
-from pickproof.scenarios.campaign.executor import Runner
-from pickproof.scenarios.campaign.parallel_map import Map
 from pickproof.scenarios.comparison.compare import Comparison
 from pickproof.scenarios.comparison.paired import changed_fields
 from pickproof.scenarios.config.scenario import Scenario
 from pickproof.scenarios.tuning.cell_objective import on_unseen_bins
+from pickproof.scenarios.tuning.cell_space import Cell, candidate
 from pickproof.scenarios.tuning.cell_stage import CELL, tune_cell, winner
-from pickproof.scenarios.tuning.grasp_objective import GraspTask, try_point
 from pickproof.scenarios.tuning.grasp_stage import GraspChange, settle, tune_grasps
-from pickproof.scenarios.tuning.optimizer import Told, Trial
-from pickproof.scenarios.tuning.plan import Plan, Tell
-from pickproof.scenarios.tuning.search_space import candidate
+from pickproof.scenarios.tuning.optimizer import Trial
+from pickproof.scenarios.tuning.plan import Deadline, Plan, Runners
 
 STAGES = (0.3, 0.7)  # of the budget, at which the grasps and the campaigns end
 
@@ -47,42 +43,29 @@ class Result:
     comparison: Comparison | None
 
 
-def run_plan(
-    plan: Plan,
-    journal: JournalStorage,
-    run: Map,
-    runner: Runner,
-    tell: Tell = lambda stage, done, total: None,
-    trial: Callable[[GraspTask], Told] = try_point,
-) -> Result:
-    """Move the grasps, race whole cells, compare the winner with what there was; goes on where the journal ends.
-
-    Args:
-        run: as the built-in `map`, over the trials of a generation.
-        runner: runs an episode; trial: tries a grasp.
-    """
+def run_plan(plan: Plan, journal: JournalStorage, runners: Runners) -> Result:
+    """Move the grasps, race whole cells, compare the winner with what there was; goes on where the journal ends."""
     begun = time.monotonic()
 
-    def before(share: float) -> Callable[[], bool]:
+    def before(share: float) -> Deadline:
         return lambda: plan.budget_s is None or time.monotonic() - begun < share * plan.budget_s
 
-    searches = tune_grasps(plan, journal, run, tell, trial, before(STAGES[0]))
-    changes, tuned = settle(plan, searches, run, trial)
-    cells = tune_cell(plan, journal, runner, tuned, changes, tell, before(STAGES[1]))
+    searches = tune_grasps(plan, journal, runners, before(STAGES[0]))
+    grasps = settle(plan, searches, runners)
+    cells = tune_cell(plan, journal, runners, grasps, before(STAGES[1]))
     best = winner(cells)
-    points, scenario, values = list(plan.points), plan.scenario, {}
+    proposed = Cell(list(plan.points), plan.scenario)
     if best is not None:
-        values = best.values
-        points, scenario = candidate(values, (plan.points, tuned), plan.scenario)
+        proposed = candidate(best.values, (plan.points, grasps.points), plan.scenario)
     comparison = None
-    if values:
-        comparison = on_unseen_bins(plan, runner, points, scenario, tell, before(1.0))
+    if best is not None and best.values:
+        comparison = on_unseen_bins(plan, runners, proposed, before(1.0))
     everything = searches | {CELL: cells}
     return Result(
-        points=points,
-        scenario=scenario,
-        fields=_changed(plan.scenario, scenario),
-        grasps=changes,
+        points=proposed.points,
+        scenario=proposed.scenario,
+        fields=_changed(plan.scenario, proposed.scenario),
+        grasps=grasps.changes,
         history={name: s.trials for name, s in everything.items()},
         importances={name: s.importances() for name, s in everything.items()},
         comparison=comparison,

@@ -43,6 +43,7 @@ class Solid:
         return Solid(self.body.transform(T[:3]), tuple(_moved(piece, T) for piece in self.pieces))
 
     def turned_about_z(self, angle_deg: float) -> Solid:
+        """The same, turned about the z axis."""
         return self.moved(from_rpy(rpy=(0.0, 0.0, np.deg2rad(angle_deg))))
 
     def bare(self) -> Solid:
@@ -55,6 +56,7 @@ class Solid:
         return self.moved(make_transform(t=-(low + high) / 2))
 
     def mesh(self) -> trimesh.Trimesh:
+        """The surface as a mesh."""
         mesh = self.body.to_mesh64()
         return trimesh.Trimesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
 

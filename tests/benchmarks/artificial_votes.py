@@ -1,4 +1,4 @@
-"""`python -m tests.benchmarks.artificial_votes`: what the back half of perception makes of votes of a known quality."""
+"""`python -m tests.benchmarks.artificial_votes`: what refinement makes of votes of a known quality."""
 
 from __future__ import annotations
 

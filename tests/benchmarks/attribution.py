@@ -2,7 +2,7 @@
 
 In the real physics, over the same bins: the system as shipped and with each fault of planted_faults.py against the
 baseline of the shipped one, then four campaigns each with one stage more replaced by ground truth. The same command
-again goes on; docs/statistics.md has the figures.
+again goes on; docs/explanation/attribution.md has the figures.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pathlib import Path
 from rich.console import Console
 
 from pickproof.scenarios.campaign.episode import run_episode
-from pickproof.scenarios.commands.attribute import folder_of, run_modes
 from pickproof.scenarios.comparison.attribution import MODES, Attribution, leads_the_rest, print_attribution
+from pickproof.scenarios.comparison.attribution_run import folder_of, run_modes
 from pickproof.scenarios.comparison.baseline import Baseline, Execution, baseline_of, read_baseline, write_baseline
 from pickproof.scenarios.comparison.gate import GateResult, run_gate
 from pickproof.scenarios.config.scenario import Scenario, load_scenario

@@ -1,4 +1,4 @@
-"""Remakes the table and the pictures of docs/fidelity.md: `python -m tests.benchmarks.fidelity` (about two minutes)."""
+"""Remakes table and pictures of docs/measurements/physics.md: `python -m tests.benchmarks.fidelity` (two minutes)."""
 
 from __future__ import annotations
 

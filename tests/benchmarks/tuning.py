@@ -21,7 +21,7 @@ from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import GraspPoint, read_table
 from pickproof.scenarios.commands.cli import main as pickproof
-from pickproof.scenarios.comparison.compare import Difference
+from pickproof.scenarios.comparison.difference import Difference
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.files.grasps_text import table_text
 from pickproof.scenarios.tuning.plan import HOLDOUT

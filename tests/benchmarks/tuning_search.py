@@ -26,9 +26,9 @@ from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import GraspPoint, read_table
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.tuning.grasp_objective import GraspTask, draw_errors, try_point
+from pickproof.scenarios.tuning.grasp_space import Reach, distance, grasp_parameters, moved
 from pickproof.scenarios.tuning.grasp_stage import PER_GRASP
 from pickproof.scenarios.tuning.optimizer import Parameter, Search, Told, Values, open_journal
-from pickproof.scenarios.tuning.search_space import Reach, distance, grasp_parameters, moved
 from tests.benchmarks.tuning import spoiled
 
 Evaluate = Callable[[list[Values]], list[Told]]

@@ -32,6 +32,7 @@ def run(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_room_fixes_the_kernels_before_numpy(room: str) -> None:
     code = (
@@ -71,6 +72,15 @@ def test_the_switch_leaves_the_libraries_alone() -> None:
         "print(profile(), os.environ.get('MKL_CBWR'))"
     )
     assert run(code, **{numerics.SWITCH: "native"}) == "native None"
+
+
+def test_training_leaves_the_profile_to_what_is_started_after_it() -> None:
+    code = (
+        "import pickproof, os; from pickproof.cell.numerics import fast_training, has_profile, profile\n"
+        "with fast_training(): print(os.environ.get('MKL_CBWR'), end=' ')\n"
+        "print(os.environ.get('MKL_CBWR'), has_profile(profile()))"
+    )
+    assert run(code) == "None COMPATIBLE True"
 
 
 def test_a_processor_without_avx2_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

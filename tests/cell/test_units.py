@@ -14,15 +14,16 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.grippers.registry import SHIPPED as GRIPPERS
 from pickproof.cell.grippers.registry import list_grippers, load_gripper
 from pickproof.cell.sensing.sensor_model import SensorConfig
-from pickproof.cell.workpiece.workpiece import SHIPPED, WorkpieceConfig, list_workpieces
+from pickproof.cell.workpiece.workpiece import WorkpieceConfig, list_workpieces
 from pickproof.grasping.grasp_points import GraspTable
 from pickproof.robots.kinematics.model import RobotConfig, list_robots
 from pickproof.scenarios.config.scenario import Scenario
+from pickproof.scenarios.config.shipped import WORKPIECES
 
 MM = 1000.0
-BRACKET = SHIPPED / "bracket"
-SCENARIO = SHIPPED.parent / "bracket.yaml"
-ROBOT = SHIPPED.parent.parent / "robots" / "lrmate200id" / "robot.yaml"
+BRACKET = WORKPIECES / "bracket"
+SCENARIO = WORKPIECES.parent / "bracket.yaml"
+ROBOT = WORKPIECES.parent.parent / "robots" / "lrmate200id" / "robot.yaml"
 
 
 def scaled(value: Any) -> Any:
@@ -125,17 +126,18 @@ def test_degrees_are_named() -> None:
 
 def test_what_is_shipped_is_in_metres() -> None:
     for name in list_workpieces():
-        parse(WorkpieceConfig, read_yaml(SHIPPED / name / "workpiece.yaml"), name)
-        parse(GraspTable, read_yaml(SHIPPED / name / "grasps.yaml"), name)
+        parse(WorkpieceConfig, read_yaml(WORKPIECES / name / "workpiece.yaml"), name)
+        parse(GraspTable, read_yaml(WORKPIECES / name / "grasps.yaml"), name)
     for name in list_grippers():
         load_gripper(name)
     for name in list_robots():
-        parse(RobotConfig, read_yaml(SHIPPED.parent.parent / "robots" / name / "robot.yaml"), name)
-    for path in SHIPPED.parent.glob("*.yaml"):
+        parse(RobotConfig, read_yaml(WORKPIECES.parent.parent / "robots" / name / "robot.yaml"), name)
+    for path in WORKPIECES.parent.glob("*.yaml"):
         parse(Scenario, read_yaml(path), path)
     SensorConfig.of_preset("stereo")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text", ["a: 2023-02-30", "a: " + "[" * 4000, "{[1]: 2}", "a: &x [*x]\nb: {<<: *x}", "a: \x00", "? {a: 1}\n: 2"]
 )

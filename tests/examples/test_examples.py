@@ -16,8 +16,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_process: None) -> Callable[..., int]:
-    """An example's main in an empty folder; that episodes run in worker processes is tested elsewhere."""
+def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """An example's main, called in an empty folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PICKPROOF_WORKPIECES", "")  # own_part.py sets it
 

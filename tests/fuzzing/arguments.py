@@ -1,21 +1,21 @@
 """Hostile command lines: `hostile` draws one, `check` runs it in this process and looks at what came of it.
 
-Options are taken from the parsers themselves, so that new ones are met too. No command line starts long work: what
+Options are taken from the commands themselves, so that new ones are met too. No command line starts long work: what
 would is given a name that does not exist, or an option that does not. None names anything outside of its folder.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from functools import cache
 from io import StringIO
 from pathlib import Path
 
 import numpy as np
+from cyclopts.argument import Argument, ArgumentCollection
 
 from pickproof.scenarios.commands import cli
+from pickproof.scenarios.commands.registry import BENCHMARKS, COMMANDS, GRASPS, build_app
 from pickproof.scenarios.config.scenario import load_scenario
 from tests.scenarios.planted_episode import write_campaign
 
@@ -38,13 +38,14 @@ def hostile(rng: np.random.Generator) -> list[str]:
     commands = _commands()
     names = sorted(commands)
     name = names[rng.integers(len(names))]
-    parser = commands[name]
-    actions = [a for a in parser._actions if a.dest != "help" or rng.random() < 0.05]
-    words = [w for a in actions if a.option_strings and rng.random() < _share(a) for w in _option(a, rng)]
-    positional = [a for a in actions if not a.option_strings]
+    arguments = [a for a in commands[name] if a.parse and a.show]
+    options = [a for a in arguments if a.name.startswith("--")]
+    words = ["--help"] if rng.random() < 0.05 else []
+    words += [w for a in options if rng.random() < _share(a) for w in _option(a, rng)]
+    positional = [a for a in arguments if not a.name.startswith("-")]
     good = name in QUICK and rng.random() < 0.7
-    for action in positional:
-        repeats = 1 + int(action.nargs in ("+", "*") and rng.random() < 0.3)
+    for argument in positional:
+        repeats = 1 + int(argument.token_count()[1] and rng.random() < 0.3)
         words += [CAMPAIGN if good and rng.random() < 0.9 else _draw(WRONG, rng) for _ in range(repeats)]
     if rng.random() < 0.3:
         words.insert(rng.integers(len(words) + 1), _draw(NUMBERS + PATHS + TEXTS, rng))
@@ -95,38 +96,38 @@ def furnish(folder: Path) -> None:
 
 
 @cache
-def _commands() -> dict[str, argparse.ArgumentParser]:
-    """Name with that of the subcommand -> parser with its arguments."""
-    return dict(_leaves(cli._parser(), ""))
+def _commands() -> dict[str, ArgumentCollection]:
+    """Name with that of the command above it -> its arguments."""
+    app = build_app()
+    names = [c.name for c in COMMANDS]
+    names += [f"grasps {c.name}" for c in GRASPS] + [f"benchmark {c.name}" for c in BENCHMARKS]
+    found = {}
+    for name in names:
+        command = app
+        for word in name.split():
+            command = command[word]
+        found[name] = command.assemble_argument_collection()
+    return found
 
 
-def _leaves(parser: argparse.ArgumentParser, name: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    if (fill := getattr(parser, "_fill", None)) is not None:
-        parser._fill = None  # type: ignore[attr-defined]
-        fill(parser)
-    below = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    if not below:
-        yield name, parser
-    for word, sub in below[0].choices.items() if below else ():
-        yield from _leaves(sub, f"{name} {word}".strip())
-
-
-def _share(action: argparse.Action) -> float:
+def _share(argument: Argument) -> float:
     """How often an option is given."""
-    return 0.9 if action.required else 0.15
+    return 0.9 if argument.required else 0.15
 
 
-def _option(action: argparse.Action, rng: np.random.Generator) -> list[str]:
-    name = action.option_strings[-1]
-    if action.nargs == 0:
+def _option(argument: Argument, rng: np.random.Generator) -> list[str]:
+    name = argument.name
+    count = argument.token_count()[0]
+    if count == 0:
         return [name]
-    if action.choices is not None and rng.random() < 0.7:
-        values = [_draw(tuple(str(c) for c in action.choices), rng)]
+    choices = argument.get_choices(force=True)
+    if choices and rng.random() < 0.7:
+        values = [_draw(tuple(choices), rng)]
     else:
-        pool = PATHS if action.metavar in ("DIR", "FILE") else NUMBERS + PATHS + TEXTS
+        pool = PATHS if "Path" in str(argument.hint) else NUMBERS + PATHS + TEXTS
         values = [_draw(pool, rng)]
-    if isinstance(action.nargs, int):
-        values = [_draw(NUMBERS, rng) for _ in range(action.nargs)]
+    if count > 1:
+        values = [_draw(NUMBERS, rng) for _ in range(count)]
     if name == "--attempt" and rng.random() < 0.7:
         values = [str(rng.integers(4))]
     return [f"{name}={values[0]}"] if len(values) == 1 and rng.random() < 0.5 else [name, *values]

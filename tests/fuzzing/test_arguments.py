@@ -6,8 +6,11 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.fuzzing.arguments import check, hostile
+
+pytestmark = pytest.mark.slow
 
 
 def test_hostile_command_lines_are_run_or_refused(tmp_path: Path) -> None:

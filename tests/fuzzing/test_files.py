@@ -15,6 +15,8 @@ from pickproof.cell.sensing.camera import Intrinsics
 from pickproof.perception.camera_files.camera_file import read_camera
 from tests.fuzzing import cameras, clouds, yaml_files
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = {cameras: 500, clouds: 60, yaml_files: 150}
 
 

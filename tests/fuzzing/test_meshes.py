@@ -17,6 +17,8 @@ from pickproof.cell.mesh.read import read_checked_here
 from tests.fuzzing.mesh_writers import VOLUME, WRITERS, Solid, random_solid
 from tests.fuzzing.meshes import check_mesh_file, cut, hostile_mesh
 
+pytestmark = pytest.mark.slow
+
 SEEDS = st.integers(0, 2**32 - 1)
 EVERY = [pytest.param(f".{kind}", write, id=write.__name__) for kind, writers in WRITERS.items() for write in writers]
 

@@ -14,11 +14,11 @@ from pickproof.cell.config import load, read_yaml
 from pickproof.cell.errors import InputError
 from pickproof.cell.grippers.registry import SHIPPED as GRIPPERS
 from pickproof.cell.grippers.registry import load_gripper
-from pickproof.cell.workpiece.workpiece import SHIPPED as WORKPIECES
 from pickproof.cell.workpiece.workpiece import WorkpieceConfig
 from pickproof.grasping.grasp_points import read_table
 from pickproof.robots.kinematics.model import RobotConfig
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.config.shipped import WORKPIECES
 from tests.fuzzing.mutate import holder, mutated, scaled, with_garbage
 
 ROOT = WORKPIECES.parent.parent

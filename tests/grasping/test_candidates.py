@@ -10,7 +10,7 @@ from pickproof.cell.frames import Array, about_axis, apply, make_transform, rand
 from pickproof.cell.geometry.bin import Bin
 from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.workpiece.workpiece import Workpiece
-from pickproof.grasping.candidates import PER_ESTIMATE, Selection, select
+from pickproof.grasping.candidates import PER_ESTIMATE, PartEstimates, PickScene, Selection, select
 from pickproof.grasping.clearance import OpenGripper, without_workpiece
 from pickproof.grasping.grasp_points import MAX_TILT_DEG, GraspPoses, Turn, expand
 from pickproof.grasping.overlap import LIES
@@ -33,9 +33,8 @@ class Chooser:
         weights = GraspingConfig.model_validate(changes.get("weights", {}))
         poses = changes.get("poses", self.poses)
         where = changes.get("bin", self.source)
-        return select(
-            Ts, scores, avoided, poses, self.bracket, self.gripper, where, points, weights, changes.get("errors")
-        )
+        estimates = PartEstimates(Ts, scores, avoided, changes.get("errors"))
+        return select(estimates, poses, PickScene(self.bracket, self.gripper, where, points), weights)
 
     def lying(self, x: float = 0.0, y: float = 0.0, z: float = 0.008, yaw: float = 0.0) -> Array:
         """A bracket flat on its plate at a place of the bin."""
@@ -67,6 +66,7 @@ def heap(choose: Chooser, n: int, seed: int) -> Array:
     return choose.source.T_world_bin @ make_transform(random_rotations(n, rng), t)
 
 
+@pytest.mark.slow
 def test_no_verdict_is_cut(choose: Chooser) -> None:
     assert np.array(list(Verdict), dtype=VERDICTS).tolist() == [str(v) for v in Verdict]
     assert choose(choose.lying()[None]).verdicts[0].dtype == VERDICTS

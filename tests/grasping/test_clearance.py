@@ -40,6 +40,7 @@ def penetration(points_world: Array, bin: Bin) -> float:
     return float(np.maximum(-p[:, 2], np.minimum(beyond, lz - p[:, 2])).max())
 
 
+@pytest.mark.slow
 def test_hits_bin_is_what_dense_points_of_the_gripper_say(gripper: Gripper, source: Bin) -> None:
     boxes = gripper.boxes(0.03)
     points = solid(boxes, 0.0015)

@@ -121,7 +121,7 @@ def test_symmetry_makes_every_grasp_again_on_each_equal_side(
 
 
 def test_a_grasp_that_symmetry_gives_twice_is_kept_once(bracket: Workpiece) -> None:
-    """Half a turn about the approach is the flip: symmetric parts would offer each pose twice."""
+    """Half a turn about the approach is the flip: symmetric parts would give each pose twice."""
     straight_down = point(centre=(0, 0, 0.003), approach=(0, 0, -1), closing=(1, 0, 0), flip=True)
     two_fold = replace(bracket, symmetry=Symmetry((0, 0, 180)))
     assert len(expand((straight_down,), two_fold).index) == 2
@@ -206,6 +206,7 @@ def test_shipped_pads_meet_material_on_both_sides(name: str) -> None:
             assert area > 25e-6, f"{grasp.name}: {1e6 * area:.1f} mm2 under pad {side} at\n{T}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TABLES)
 def test_shipped_grasps_leave_the_workpiece_room(name: str) -> None:
     """No finger and no gripper body goes more than 0.1 mm into the CAD, open on the way in and closed on it.

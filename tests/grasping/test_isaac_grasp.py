@@ -43,6 +43,7 @@ def write(folder: Path, data: Any) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", [np.eye(4), HAND])
 def test_a_round_trip_keeps_every_pose(tmp_path: Path, bracket: Workpiece, poses: GraspPoses, frame: Array) -> None:
     path = write(tmp_path, isaac_grasps_text(poses, bracket.name, "jaw_v1", frame))
@@ -71,6 +72,7 @@ def test_the_published_example_is_understood(tmp_path: Path) -> None:
     assert read_isaac_grasps(write(tmp_path, ros), HAND) == [point]
 
 
+@pytest.mark.slow
 def test_what_is_written_has_the_published_fields(bracket: Workpiece, poses: GraspPoses) -> None:
     data = yaml.safe_load(isaac_grasps_text(poses, bracket.name, "jaw_v1", HAND))
     assert list(data) == ["format", "format_version", "object_frame_link", "gripper_frame_link", "grasps"]

@@ -27,6 +27,7 @@ CUP, MAGNET = load_gripper("cup_20"), load_gripper("magnet_20")
 PLATE = block((0.06, 0.05, 0.012), 0.15)
 
 
+@pytest.mark.slow
 def test_every_proposal_seals_by_the_rule_of_the_physics_and_carries_the_load() -> None:
     assert isinstance(CUP, PadGripper)
     points = propose(PLATE, CUP, 8, np.random.default_rng(0))
@@ -44,6 +45,7 @@ def test_every_proposal_seals_by_the_rule_of_the_physics_and_carries_the_load() 
     assert apart.min() > SPACING * 0.999 or len(points) == 2
 
 
+@pytest.mark.slow
 def test_the_use_is_that_of_the_cups_limits() -> None:
     """Straight over the centre of mass: pull, and friction against the sideways load; the lever is half the height."""
     assert isinstance(CUP, VacuumGripper)
@@ -56,6 +58,7 @@ def test_the_use_is_that_of_the_cups_limits() -> None:
     np.testing.assert_allclose(worst_use(PLATE, CUP, T), wanted, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pickproof.grasping.sample_pads.SPOTS", 300)
     rng = np.random.default_rng
@@ -68,6 +71,7 @@ def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds(monkeypatch: py
     assert propose(PLATE, MAGNET, 1, rng(0)) != []
 
 
+@pytest.mark.slow
 def test_a_freeform_workpiece_gets_grasps_of_a_jaw(monkeypatch: pytest.MonkeyPatch) -> None:
     """The bunny has no parallel faces: every proposal has surface at both pads, and none inside the gripper."""
     monkeypatch.setattr("pickproof.grasping.sample_freeform.DIRECTIONS", 60)
@@ -84,6 +88,7 @@ def test_a_freeform_workpiece_gets_grasps_of_a_jaw(monkeypatch: pytest.MonkeyPat
             assert (room < 5e-4).any()
 
 
+@pytest.mark.slow
 def test_teeth_are_gripped_from_straight_above(monkeypatch: pytest.MonkeyPatch) -> None:
     """A gear that lies on a face: jaws across its teeth, one tooth against the gap of two, from either side."""
     monkeypatch.setattr("pickproof.grasping.sample_freeform.DIRECTIONS", 0)
@@ -98,6 +103,7 @@ def test_teeth_are_gripped_from_straight_above(monkeypatch: pytest.MonkeyPatch) 
     assert all(0.0365 < p.width < 0.0385 for p in down)  # root circle 29 mm, tip circle 38 mm
 
 
+@pytest.mark.slow
 def test_ten_cups_find_the_one_place_between_the_slots_of_a_rail(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 1,500 places drawn at random none keeps all ten cups off the slots; over the centre of mass there is one."""
     monkeypatch.setattr("pickproof.grasping.sample_pads.SPOTS", 100)

@@ -14,7 +14,7 @@ from pickproof.cell.frames import Array, invert
 from pickproof.cell.geometry.bin import Bin
 from pickproof.cell.physics.bin_filling import fill_bin
 from pickproof.cell.physics.world import World
-from pickproof.cell.sensing.camera import DepthFrame, Intrinsics, look_at, render
+from pickproof.cell.sensing.camera import DepthFrame, Intrinsics, RenderOptions, look_at, render
 from pickproof.cell.sensing.sensor_model import SensorConfig, measure
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
@@ -42,7 +42,8 @@ def look(workpiece: Workpiece, Ts_world_part: Array, seed: int = 0, noise: bool 
     sensor = SensorConfig(enabled=noise)
     T_world_camera = look_at(np.array([0.0, 0.0, 0.85]), np.zeros(3))
     view = (INTRINSICS, T_world_camera)
-    exact = render(workpiece.vertices, workpiece.faces, Ts_world_part, BIN.boxes(), *view, sensor.projector_offset)
+    mesh, options = (workpiece.vertices, workpiece.faces), RenderOptions(sensor.projector_offset)
+    exact = render(*mesh, Ts_world_part, BIN.boxes(), *view, options)
     frame = measure(exact, *view, sensor, np.random.default_rng(seed))
     pixels = np.bincount(exact.ids[exact.ids >= 0], minlength=len(Ts_world_part))
     return Scene(workpiece, frame, invert(T_world_camera) @ Ts_world_part, pixels, exact.ids)

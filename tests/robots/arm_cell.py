@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from pickproof.cell.frames import Array, about_axis, make_transform
@@ -11,7 +14,7 @@ from pickproof.robots.collision.held_part import HeldPart
 from pickproof.robots.kinematics.model import RobotModel
 from pickproof.robots.motion.dynamics import Load, torques
 from pickproof.robots.motion.trajectory import Trajectory
-from pickproof.robots.plan.pick_plan import PickRequest
+from pickproof.robots.plan.pick_request import CarriedPart, Hand, PickRequest, PlacePoses
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 T_FLANGE_TOOL = make_transform(t=(0, 0, 0.16))
@@ -36,7 +39,14 @@ def tilted(tilt_deg: float, azimuth_deg: float, roll_deg: float) -> Array:
 def request_at(robot: RobotModel, x: float, y: float, R: Array = DOWN, z: float = 0.035) -> PickRequest:
     """A pick at (x, y, z) with three place poses in the place bin."""
     places = np.stack([make_transform(DOWN, (0.25 + dx, -0.40, 0.06)) for dx in (0.0, -0.07, 0.07)])
-    return PickRequest(robot.home, make_transform(R, (x, y, z)), places, T_FLANGE_TOOL, PART, robot.home)
+    parts = PlacePoses(places), Hand(T_FLANGE_TOOL), CarriedPart(PART)
+    return PickRequest(robot.home, robot.home, make_transform(R, (x, y, z)), *parts)
+
+
+def changed(request: PickRequest, **fields: Any) -> PickRequest:
+    """The request with other values; those of a part of it as a mapping: `lines={"straight": 0.02}`."""
+    parts = {name: replace(getattr(request, name), **v) if isinstance(v, dict) else v for name, v in fields.items()}
+    return replace(request, **parts)
 
 
 def share_of_limits(robot: RobotModel, trajectory: Trajectory, load: Load) -> Array:

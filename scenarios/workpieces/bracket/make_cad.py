@@ -24,6 +24,7 @@ CENTRE = np.array([0.0, 0.0, 7.0])
 
 
 def build() -> trimesh.Trimesh:
+    """The workpiece as a mesh."""
     body = m3.Manifold()
     for low, high in BOXES:
         size = np.subtract(high, low)

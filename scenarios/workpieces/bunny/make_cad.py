@@ -54,6 +54,7 @@ TO_SPHERES = np.stack([invert(T)[:3] for T, _ in frames()]) / RADII[:, :, None]
 
 @cache
 def blended() -> m3.Manifold:
+    """The body: blended ellipsoids, cut flat below, with few triangles."""
     body = m3.Manifold.level_set(blend, (-32, -24, -8, 28, 24, 64), EDGE)
     return body.trim_by_plane((0, 0, 1), 0.0).simplify(COARSEN)
 
@@ -66,6 +67,7 @@ def to_part(body: m3.Manifold) -> tuple[Array, Array]:
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     body = blended()
     scale, offset = to_part(body)
     return Solid(body.scale(scale.tolist()).translate(offset.tolist()))

@@ -23,6 +23,7 @@ PIECES = [
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     body = revolved(PROFILE)
     for radius, low, high in PIECES:
         body = Solid(body.body, body.pieces + cylinder(radius, (0, 0, low), high - low).pieces)

@@ -30,6 +30,7 @@ def gear_outline() -> np.ndarray:
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     body = extruded(gear_outline(), *GEAR)
     inner, outer, depth = WEB
     for start in (GEAR[0] - 1, GEAR[1] - depth):

@@ -12,6 +12,7 @@ from pickproof.scenarios.workpieces.cad import Solid, box, cylinder, write
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     body = (
         box((0, 0, 0), (125, 88, 13))  # base
         + box((0, 0, 13), (14, 88, 62))  # wall

@@ -17,6 +17,7 @@ SLOTS = [(-560.0, -440.0), (-60.0, 60.0), (440.0, 560.0)]  # x
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     x, y, brim = LENGTH / 2, TOP / 2, WIDTH / 2
     half = (
         box((-x, y - WALL, 0), (x, y, HEIGHT))  # side

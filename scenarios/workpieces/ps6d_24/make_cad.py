@@ -12,6 +12,7 @@ from pickproof.scenarios.workpieces.cad import Solid, box, cylinder, write
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     hub = cylinder(38.0, (0, 0, -25), 50.0)
     arms = (
         box((-122, -27, -9), (122, 27, 9))  # broad

@@ -14,6 +14,7 @@ LARGE_BOSS, SMALL_BOSS = (28.0, 40.0), (199.0, 33.0)  # axes
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     body = (
         cylinder(28.0, (*LARGE_BOSS, 0), 38.0)
         + cylinder(17.0, (*SMALL_BOSS, 3), 22.0)

@@ -35,6 +35,7 @@ def ring() -> Solid:
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     up = np.eye(4)
     up[2, 3] = LENGTH - RING_DIAMETER / 2
     shank = cylinder(SHANK_RADIUS, (0, 0, 0), SHANK_LENGTH + 1, segments=32)

@@ -16,6 +16,7 @@ HEIGHT = 47.0
 
 
 def build() -> Solid:
+    """The workpiece as a solid."""
     half = (
         cylinder(18.0, (*SOCKET, 0), 40.0)
         + box((12, -38, 0), (36, -20, 9))  # mounting lug

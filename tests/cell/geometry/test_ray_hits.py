@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 
 from pickproof.cell.geometry.ray_hits import as_rays, exact_hits, facing
@@ -15,6 +16,7 @@ def square() -> tuple[np.ndarray, np.ndarray]:
     return np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
+@pytest.mark.slow
 def test_an_edge_belongs_to_the_same_triangle_whichever_was_found() -> None:
     rng = np.random.default_rng(0)
     where = rng.uniform(0.1, 0.9, 2000)
@@ -38,6 +40,7 @@ def test_a_triangle_that_is_hit_inside_keeps_its_ray_and_a_miss_stays_one() -> N
     assert face.tolist() == [0, -1]
 
 
+@pytest.mark.slow
 def test_both_ray_casters_agree_to_the_last_bit(bracket: Workpiece) -> None:
     """Their Embree is of another version and kernel; where both hit, triangle, distance and normal are the same."""
     rng = np.random.default_rng(1)

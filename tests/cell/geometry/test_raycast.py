@@ -13,7 +13,7 @@ import pickproof.cell.sensing.camera
 from pickproof.cell.frames import Array, from_rpy, make_transform
 from pickproof.cell.geometry.bin import Box, table
 from pickproof.cell.geometry.raycast import EmbreexCaster, Open3dCaster, RayCaster, make_caster
-from pickproof.cell.sensing.camera import Intrinsics, Render, look_at, render
+from pickproof.cell.sensing.camera import Intrinsics, Render, RenderOptions, look_at, render
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.perception.data.scenes import heap_fingerprint
 
@@ -60,7 +60,7 @@ def rendered(caster: type[RayCaster], workpiece: Workpiece, monkeypatch: pytest.
 
     monkeypatch.setattr(pickproof.cell.sensing.camera, "make_caster", chosen)
     K, T = Intrinsics.from_fov(320, 240, np.deg2rad(25)), look_at((0.05, 0.02, 0.8), (0.0, 0.0, 0.0))
-    return render(workpiece.vertices, workpiece.faces, Ts, boxes, K, T, (0.12, 0.0, 0.0), 1, True)
+    return render(workpiece.vertices, workpiece.faces, Ts, boxes, K, T, RenderOptions((0.12, 0.0, 0.0), True))
 
 
 def test_both_casters_render_the_same(bracket: Workpiece, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,6 +77,7 @@ def test_both_casters_render_the_same(bracket: Workpiece, monkeypatch: pytest.Mo
     assert np.quantile(np.abs(a.reflected[both] - b.reflected[both]), 0.999) < 1e-4
 
 
+@pytest.mark.slow
 def test_training_runs_without_open3d_and_pybullet(tmp_path: Path) -> None:
     """With a stored heap; the two are blocked in a process of their own."""
     rng = np.random.default_rng(0)

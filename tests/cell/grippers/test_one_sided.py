@@ -169,6 +169,7 @@ def test_a_lip_follows_a_cylinder_down_to_a_radius(
     assert cell.held == seals
 
 
+@pytest.mark.slow
 def test_a_bar_of_cups_carries_the_long_profile_and_seals_beside_its_slots_only(new_cell: NewCell) -> None:
     bar, profile = load_gripper("cup_bar"), load_workpiece("ps6d_23")
     along = turned(profile)

@@ -173,6 +173,7 @@ def test_faces_without_numbers_are_left_out() -> None:
     assert "1 faces with coordinates that are no numbers" in checked.notes[0] and as_trimesh(checked).is_watertight
 
 
+@pytest.mark.slow
 def test_many_faces_become_few_and_stay_near() -> None:
     fine = trimesh.creation.icosphere(subdivisions=7, radius=30)
     checked = check_mesh(*soup(fine), "mm")
@@ -277,6 +278,7 @@ FILES: dict[str, tuple[str, Callable[[Path], object], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_bad_files_are_one_line(kind: str, tmp_path: Path) -> None:
     name, write, words = FILES[kind]
@@ -293,6 +295,7 @@ def test_formats(kind: str, tmp_path: Path) -> None:
     assert np.ptp(checked.vertices, axis=0) == pytest.approx([0.04, 0.03, 0.02]) and not checked.notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("prefix", "scale"), [(".MILLI.", 1.0), ("$", 1e-3)])
 def test_step_tells_its_own_unit(prefix: str, scale: float, tmp_path: Path) -> None:
     pytest.importorskip("cascadio")

@@ -162,6 +162,7 @@ def test_broken_files_are_refused_with_what_is_wrong(kind: str, tmp_path: Path) 
     assert name in str(error.value) and words in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_the_process_says_the_same(tmp_path: Path) -> None:
     (tmp_path / "a.stl").write_bytes(stl()[:-200])
     with pytest.raises(InputError, match="8 of 12 declared triangles"):

@@ -66,7 +66,7 @@ class GraspCell:
         """Move straight to `T_to` (same orientation) with at most `acceleration` [m/s2] of the tool."""
         T_from = self.arm.tool_pose()
         way = T_to[:3, 3] - T_from[:3, 3]
-        # quintic time law: its largest acceleration is 10/sqrt(3) d / T^2
+        # quintic motion profile: its largest acceleration is 10/sqrt(3) d / T^2
         duration = np.sqrt(10 / np.sqrt(3) * np.linalg.norm(way) / acceleration)
         s = np.linspace(0, 1, int(np.ceil(duration / self.world.dt)) + 1)[1:, None]
         s = s**3 * (10 - 15 * s + 6 * s * s)

@@ -1,4 +1,4 @@
-"""Experiments in the physics whose outcome a closed form gives: shared by the tests and by docs/fidelity.md.
+"""Experiments in the physics with a closed form: shared by the tests and docs/measurements/physics.md.
 
 Every function runs real PyBullet and returns what it measured; the tests hold it against the law.
 """

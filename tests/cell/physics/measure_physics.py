@@ -1,5 +1,5 @@
-"""Prints the figures of docs/cell.md: `python -m tests.cell.physics.measure_physics` (about a minute; CPU time of one
-core)."""
+"""Prints the figures of docs/explanation/physics.md: `python -m tests.cell.physics.measure_physics` (about a minute;
+CPU time of one core)."""
 
 from __future__ import annotations
 

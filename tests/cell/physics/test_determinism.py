@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from pickproof.cell.physics.trajectory_execution import close_jaws, open_jaws
 from tests.cell.physics.grasp_cell import GraspCell
 from tests.cell.physics.test_bin_filling import filled
@@ -29,6 +31,7 @@ def heap_and_pick() -> str:
     return poses.hex()
 
 
+@pytest.mark.slow
 def test_two_processes_agree_bit_for_bit() -> None:
     code = "from tests.cell.physics.test_determinism import heap_and_pick; print(heap_and_pick())"
     other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

@@ -1,4 +1,4 @@
-"""The physics against closed forms; docs/fidelity.md shows the same experiments as pictures."""
+"""The physics against closed forms; docs/measurements/physics.md shows the same experiments as pictures."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import pytest
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import apply, from_rpy, invert, make_transform
 from pickproof.cell.geometry.bin import Box, table
-from pickproof.cell.sensing.camera import DEPTH_STEP, DepthFrame, Intrinsics, look_at, render
+from pickproof.cell.sensing.camera import DEPTH_STEP, DepthFrame, Intrinsics, RenderOptions, look_at, render
 from pickproof.cell.workpiece.workpiece import Workpiece
 
 K = Intrinsics.from_fov(160, 120, np.deg2rad(40))
@@ -74,7 +74,7 @@ def test_the_shadow_falls_away_from_the_projector() -> None:
     wall = Box("wall", (0.02, 0.2, 0.1), make_transform(t=(0.0, 0.0, 0.05)))
     v, u = K.height // 2, K.width // 2
     for side in (+1, -1):
-        image = render(*NOTHING, [GROUND, wall], K, DOWN, projector_offset=(0.12 * side, 0.0, 0.0))
+        image = render(*NOTHING, [GROUND, wall], K, DOWN, RenderOptions((0.12 * side, 0.0, 0.0)))
         dark = np.flatnonzero(~image.lit[v])
         assert dark.size > 3
         assert (side * (dark - u) < 0).all()

@@ -10,7 +10,7 @@ from pickproof.cell.config import parse, read_yaml
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import make_transform
 from pickproof.cell.geometry.bin import Box, table
-from pickproof.cell.sensing.camera import Intrinsics, Render, look_at, render
+from pickproof.cell.sensing.camera import Intrinsics, Render, RenderOptions, look_at, render
 from pickproof.cell.sensing.sensor_model import (
     SensorConfig,
     depth_edges,
@@ -21,7 +21,8 @@ from pickproof.cell.sensing.sensor_model import (
     smooth_noise,
 )
 from pickproof.cell.workpiece.optics import MATERIALS, Optics
-from pickproof.cell.workpiece.workpiece import SHIPPED, WorkpieceConfig
+from pickproof.cell.workpiece.workpiece import WorkpieceConfig
+from pickproof.scenarios.config.shipped import WORKPIECES
 
 K = Intrinsics.from_fov(200, 150, np.deg2rad(40))
 CLEAN = SensorConfig(speckle_dropout=0.0, edge_dropout=0.0, flying=0.0, lateral_sigma=0.0)
@@ -111,7 +112,7 @@ def test_the_shadow_of_a_step_has_the_width_of_the_geometry(baseline: float, hei
     camera = Intrinsics.from_fov(400, 60, np.deg2rad(30))
     ground = table((2.0, 2.0, 0.1), (0.0, 0.0, 0.0))
     step = Box("step", (1.0, 2.0, height), make_transform(t=(0.5, 0.0, height / 2)))
-    image = render(*NOTHING, [ground, step], camera, DOWN, (baseline, 0.0, 0.0))
+    image = render(*NOTHING, [ground, step], camera, DOWN, RenderOptions((baseline, 0.0, 0.0)))
     row = measure(image, camera, DOWN, CLEAN, np.random.default_rng(0)).depth[30]
     on_floor = 0.8 / camera.fx  # [m] a pixel
     width = np.count_nonzero(row == 0) * on_floor
@@ -208,8 +209,8 @@ def corner(sensor: SensorConfig, optics: Optics) -> Render:
     floor = trimesh.creation.box((0.2, 0.2, 0.01))
     wall = trimesh.creation.box((0.01, 0.2, 0.08), transform=make_transform(t=(-0.06, 0.0, 0.04)))
     part = trimesh.util.concatenate([floor, wall])
-    reflect = sensor.sees_reflections(optics)
-    return render(part.vertices, part.faces, np.eye(4)[None], [], K, DOWN, sensor.projector_offset, reflections=reflect)
+    options = RenderOptions(sensor.projector_offset, sensor.sees_reflections(optics))
+    return render(part.vertices, part.faces, np.eye(4)[None], [], K, DOWN, options)
 
 
 def test_a_concave_corner_gives_patches_at_wrong_depths() -> None:
@@ -274,7 +275,7 @@ def test_bad_names_are_said_in_one_line() -> None:
 
 
 def test_a_workpiece_names_its_material_or_gives_the_numbers() -> None:
-    data = read_yaml(SHIPPED / "bracket" / "workpiece.yaml")
+    data = read_yaml(WORKPIECES / "bracket" / "workpiece.yaml")
     assert parse(WorkpieceConfig, data, "w").optics == GREY
     assert parse(WorkpieceConfig, {**data, "optics": "machined_steel"}, "w").optics == Optics.of("machined_steel")
     given = parse(WorkpieceConfig, {**data, "optics": {"albedo": 0.1, "specular": 0.2}}, "w").optics

@@ -9,8 +9,11 @@ import pytest
 
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.cell.symmetry.symmetry_search import check_degrees, find_symmetry
-from pickproof.cell.workpiece.workpiece import SHIPPED, load_workpiece
+from pickproof.cell.workpiece.workpiece import load_workpiece
+from pickproof.scenarios.config.shipped import WORKPIECES
 from tests.cell.workpiece.part_shapes import Shape, shapes
+
+pytestmark = pytest.mark.slow
 
 TOLERANCE = 4e-4
 ALL = list(shapes())
@@ -39,7 +42,7 @@ def test_there_are_sixty() -> None:
     assert len(ALL) >= 60
 
 
-@pytest.mark.parametrize("name", sorted(p.parent.name for p in SHIPPED.glob("*/workpiece.yaml")))
+@pytest.mark.parametrize("name", sorted(p.parent.name for p in WORKPIECES.glob("*/workpiece.yaml")))
 def test_shipped_workpieces(name: str) -> None:
     """As their yaml has it, in the frame of their CAD."""
     workpiece = load_workpiece(name)

@@ -172,7 +172,7 @@ def _solid(corners: Array) -> trimesh.Trimesh:
 
 
 def own_parts() -> dict[str, m3.Manifold]:
-    """The parts in [mm] that docs/onboarding.md takes from a CAD file to a pick rate; no shipped workpiece is alike."""
+    """The parts in [mm] of docs/measurements/onboarding.md; no shipped workpiece is alike."""
     return {"sprocket": gear(17, 2.0, 12, slant=0.2, hub=True), "angle": bent_sheet(), "knobble": pebble()}
 
 

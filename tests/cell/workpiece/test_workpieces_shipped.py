@@ -13,7 +13,8 @@ from scipy.spatial import ConvexHull
 from pickproof.cell.frames import Array, apply, invert
 from pickproof.cell.geometry._open3d import load_open3d
 from pickproof.cell.workpiece.collision_pieces import OFF_ROUND, CollisionBox, CollisionCylinder, Piece, covering_boxes
-from pickproof.cell.workpiece.workpiece import SHIPPED, Workpiece, list_workpieces, load_workpiece
+from pickproof.cell.workpiece.workpiece import Workpiece, list_workpieces, load_workpiece
+from pickproof.scenarios.config.shipped import WORKPIECES
 
 PAPER_ROWS = {
     "bracket": ("PS6D_6", (14, 18, 56)),
@@ -82,7 +83,7 @@ def solid(piece: Piece) -> trimesh.Trimesh:
 
 
 def test_every_shipped_workpiece_is_in_the_table() -> None:
-    assert sorted(path.parent.name for path in SHIPPED.glob("*/workpiece.yaml")) == sorted(PAPER_ROWS)
+    assert sorted(path.parent.name for path in WORKPIECES.glob("*/workpiece.yaml")) == sorted(PAPER_ROWS)
 
 
 @every_workpiece
@@ -97,6 +98,7 @@ def test_size_and_mass(workpiece: Workpiece) -> None:
     print(f"{workpiece.name}: {workpiece.mass:.3f} kg, {len(workpiece.faces)} faces, {len(workpiece.pieces)} pieces")
 
 
+@pytest.mark.slow
 @every_workpiece
 def test_make_cad_reproduces_the_committed_mesh(workpiece: Workpiece) -> None:
     made = built(workpiece)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import replace
 from functools import lru_cache
@@ -18,6 +17,7 @@ from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.perception.benchmark import run as benchmark
 from pickproof.perception.benchmark.frames import Job, Row, RowFrame, figures, measure_heap, stages_of
 from pickproof.perception.benchmark.methods import ABLATIONS, METHODS, Method, methods_of
+from pickproof.perception.benchmark.run import BenchmarkRequest
 from pickproof.perception.benchmark.tables import FIGURES, HEADS, MEANS, markdown, mean_rows, table_cells
 from pickproof.perception.data.scenes import HELD_OUT_SEED, heap_bin
 from pickproof.perception.evaluation.heap_frames import Setup, perceive_heap
@@ -28,6 +28,8 @@ from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.weights import save_weights, weights_path
 from pickproof.scenarios.commands.cli import main
 from tests.perception.small_heaps import bracket, fill_folder, small_heaps
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -102,6 +104,9 @@ def test_ps6d_sees_what_an_evaluation_sees() -> None:
     detections = seen_by_ps6d(0)["methods", "ps6d_refined"].detections
     np.testing.assert_array_equal(detections.Ts_pred, result.Ts_estimated)
     np.testing.assert_array_equal(detections.scores, [e.score for e in result.result.estimates])
+    fitted = seen_by_ps6d(0)["methods", "ps6d_fitted"].detections
+    np.testing.assert_array_equal(fitted.scores, [e.score for e in result.result.fitted or ()])
+    assert len(fitted.scores) > 0
     raw = seen_by_ps6d(0)["methods", "ps6d"].detections
     np.testing.assert_array_equal(raw.scores, [e.score for e in result.result.raw])
     before, after = (figures([seen_by_ps6d(0)["methods", row]], bracket()) for row in ("ps6d", "ps6d_refined"))
@@ -147,32 +152,24 @@ def test_stages_add_up_and_the_forward_pass_is_timed() -> None:
     assert 0 < found["forward"]["median_seconds"] < seconds["network"]
 
 
-def parsed(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    benchmark.add_arguments(parser)
-    args = parser.parse_args(["bracket", *words])
-    benchmark._check(args)
-    return args
-
-
 def test_resume_keeps_rows_of_the_same_settings_alone(here: Path) -> None:
-    args = parsed("--frames", "2", "--ppf-frames", "1", "--variants-folder", str(here / "variants"))
-    plan, sensor = benchmark._plan(args, bracket()), SensorConfig()
+    asked = BenchmarkRequest(frames=2, ppf_frames=1, variants_folder=here / "variants")
+    plan, sensor = benchmark._plan(asked, bracket()), SensorConfig()
     rows = {row: {"settings": benchmark._settings(m, bracket(), sensor)} for m in plan.methods for row in m.rows}
     assert set(rows) == set(METHODS)
     earlier = {"workpieces": {"bracket": {"methods": rows}}, "ablations": {}}
 
-    def kept(*words: str, sensor: SensorConfig = sensor) -> set[str]:
-        args = parsed(*words, "--variants-folder", str(here / "variants"))
-        return {row for _, row in benchmark._known(earlier, benchmark._plan(args, bracket()), sensor)}
+    def kept(frames: int, ppf_frames: int | None, sensor: SensorConfig = sensor) -> set[str]:
+        asked = BenchmarkRequest(frames=frames, ppf_frames=ppf_frames, variants_folder=here / "variants")
+        return {row for _, row in benchmark._known(earlier, benchmark._plan(asked, bracket()), sensor)}
 
-    assert kept("--frames", "2", "--ppf-frames", "1") == set(METHODS)
-    assert kept("--frames", "2") == set(METHODS) - {"ppf"}
-    assert kept("--frames", "3", "--ppf-frames", "1") == {"ppf"}
-    assert kept("--frames", "2", "--ppf-frames", "1", sensor=SensorConfig(enabled=False)) == set()
+    assert kept(2, 1) == set(METHODS)
+    assert kept(2, None) == set(METHODS) - {"ppf"}
+    assert kept(3, 1) == {"ppf"}
+    assert kept(2, 1, sensor=SensorConfig(enabled=False)) == set()
     other = replace(network_config("ppr_net_pp", bracket()), channels=(8, 12, 20), features=16)
     save_weights(here / "variants" / "bracket" / "ppr_net_pp.safetensors", Ps6d(other), bracket(), {})
-    assert kept("--frames", "2", "--ppf-frames", "1") == set(METHODS) - {"ppr_net", "ppr_net_pp"}
+    assert kept(2, 1) == set(METHODS) - {"ppr_net", "ppr_net_pp"}
 
 
 def test_ablations_are_those_of_the_paper_and_ours() -> None:
@@ -189,7 +186,7 @@ def test_ablations_are_resumed_too(here: Path) -> None:
     part = load_workpiece("ps6d_24")
     file = here / "variants" / "ps6d_24" / "no_cad_head.safetensors"
     untrained(file, "no_cad_head", part)
-    plan = benchmark._plan(parsed("--ablations", "--variants-folder", str(here / "variants")), part)
+    plan = benchmark._plan(BenchmarkRequest(ablations=True, variants_folder=here / "variants"), part)
     assert ("ablations", "no_cad_head_refined") in plan.asked
     assert benchmark._known(benchmark.NOTHING, plan, SensorConfig()) == {}
     settings = benchmark._settings(plan.methods[-1], part, SensorConfig())
@@ -201,13 +198,13 @@ def test_ablations_are_resumed_too(here: Path) -> None:
 def test_weights_of_another_variant_are_refused(here: Path) -> None:
     untrained(here / "variants" / "bracket" / "ppr_net_pp.safetensors", "no_cad_head")
     with pytest.raises(InputError, match="variant: 'no_cad_head' is not valid; expected ppr_net_pp"):
-        benchmark._plan(parsed("--variants-folder", str(here / "variants")), bracket())
+        benchmark._plan(BenchmarkRequest(variants_folder=here / "variants"), bracket())
 
 
 @pytest.mark.parametrize(
     ("words", "names"),
     [
-        (["--frames", "0"], ["--frames", "1 to 10000"]),
+        (["--frames", "0"], ["--frames", "from 1 to 10000"]),
         (["--workers", "0"], ["--workers"]),
         (["--frames", "2", "--ppf-frames", "3"], ["--ppf-frames", "at most --frames"]),
         (["--methods", "icp"], ["--methods", "icp", "ppr_net_pp"]),

@@ -13,6 +13,8 @@ from pickproof.perception.evaluation.average_precision import pose_distances
 from pickproof.perception.evaluation.metrics import score_frame, summarise, visible_instances
 from tests.perception import artificial
 
+pytestmark = pytest.mark.slow
+
 
 @functools.lru_cache
 def ppf(name="bracket"):

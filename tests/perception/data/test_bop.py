@@ -28,6 +28,8 @@ from pickproof.scenarios.commands.cli import main
 from tests.perception.data.bop_checker import problems_of, read_results
 from tests.perception.small_heaps import bracket, small_heaps
 
+pytestmark = pytest.mark.slow
+
 HEAPS = slice(0, 2)
 
 

@@ -16,6 +16,8 @@ from pickproof.scenarios.commands.cli import main
 from tests.perception.data.bop_checker import problems_of
 from tests.perception.small_heaps import bracket, small_heaps
 
+pytestmark = pytest.mark.slow
+
 SMALL = ["--count", "1:3", "--seed", "7"]
 
 

@@ -77,6 +77,7 @@ def test_the_ids_are_those_of_the_heap() -> None:
         assert np.hypot(u.mean() - centres[i, 0], v.mean() - centres[i, 1]) < 60
 
 
+@pytest.mark.slow
 def test_stored_heaps_are_read_and_missing_ones_are_settled(tmp_path: Path) -> None:
     """Seeds 5 and 6 are stored, 7 is not."""
     folder, ticks = tmp_path / "heaps", list[int]()
@@ -96,6 +97,7 @@ def test_stored_heaps_are_read_and_missing_ones_are_settled(tmp_path: Path) -> N
     assert len(load_heaps(bracket(), 5, 2, folder, 1)) == 2
 
 
+@pytest.mark.slow
 def test_heaps_of_a_workpiece_that_has_changed_are_settled_anew(tmp_path: Path) -> None:
     stale = small_heaps()[0] + 1.0
     np.savez_compressed(tmp_path / "heaps-bracket-5.npz", **{"5": stale, "fingerprint": np.array("of a lighter part")})

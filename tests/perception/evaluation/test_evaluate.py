@@ -14,6 +14,8 @@ from pickproof.perception.ps6d.weights import file_hash, weights_path
 from pickproof.scenarios.commands.cli import main
 from tests.perception.small_heaps import bracket, fill_folder, small_heaps
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -48,7 +50,8 @@ def test_two_frames_of_the_shipped_weights(in_one_process: Path) -> None:
     refined = data["methods"]["ps6d_refined"]
     assert refined["f1_inst"] > 80
     assert refined["median_mm"] < 1000 * bracket().tolerance / 2
-    assert refined["median_mm"] < data["methods"]["ps6d"]["median_mm"]
+    fitted, voted = (data["methods"][name]["median_mm"] for name in ("ps6d_fitted", "ps6d"))
+    assert refined["median_mm"] < fitted < voted
     picture = cv2.imread(str(in_one_process / "evaluation.png"))
     assert picture is not None and picture.std() > 10
     with (in_one_process / "instances.csv").open() as file:

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from pickproof.perception.data.scenes import HELD_OUT_SEED
 from pickproof.perception.evaluation.sensor_gallery import CASES, MISSING, draw_gallery
 from tests.perception.small_heaps import bracket, fill_folder
 
 
+@pytest.mark.slow
 def test_the_exact_picture_misses_nothing_and_the_others_do(tmp_path: Path) -> None:
     fill_folder(tmp_path, HELD_OUT_SEED, 1)
     draw_gallery(bracket(), tmp_path, tmp_path / "gallery.png")

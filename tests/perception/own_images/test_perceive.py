@@ -21,6 +21,8 @@ from pickproof.perception.evaluation.metrics import score_frame, visible_instanc
 from pickproof.scenarios.commands.cli import main
 from tests.perception.small_heaps import bracket, small_heaps
 
+pytestmark = pytest.mark.slow
+
 STEP_MM = 0.05
 AWRY = about_axis(np.array([1.0, 2.0, 3.0]) / np.sqrt(14), 0.06)
 """T of a cloud that lies on no pixel grid: turned about the camera's centre."""

@@ -90,6 +90,7 @@ def test_the_largest_face_of_the_bracket() -> None:
     assert largest_face(bracket(), 0.0005) == pytest.approx(underside, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heap", [0, 1, 2])
 def test_the_region_keeps_the_parts_and_little_else(heap: int) -> None:
     for view in (overhead_view(bracket()), tilted_view(bracket(), np.random.default_rng(heap))):

@@ -70,7 +70,7 @@ def test_turning_the_scene_turns_the_prediction() -> None:
         np.testing.assert_allclose(other.centres.numpy(), plain.centres.numpy() @ R.T, atol=1e-4)
         np.testing.assert_allclose(other.rotations.numpy(), R @ plain.rotations.numpy(), atol=1e-4)
         np.testing.assert_allclose(other.cad.numpy(), plain.cad.numpy(), atol=1e-4)
-    assert plain.cad.std() > 1e-3  # the law is not that of a constant
+    assert plain.cad.std() > 1e-3  # the result is not a constant
     assert (plain.centres - torch.from_numpy(cloud.levels[0].points)).std() > 1e-3
 
 

@@ -1,4 +1,4 @@
-"""Every variant of the paper's tables, and PPR-Net's back half."""
+"""Every variant of the paper's tables, and the clustering of PPR-Net."""
 
 from __future__ import annotations
 

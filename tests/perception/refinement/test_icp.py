@@ -13,7 +13,16 @@ from pickproof.perception.cad.shape_model import ShapeModel
 from pickproof.perception.refinement.depth_agreement import compare, soft_score
 from pickproof.perception.refinement.depth_surface import SurfaceMap
 from pickproof.perception.refinement.icp import COARSE, FINE, LAST, MIN_FACING, _exp, register
-from pickproof.perception.refinement.normal_equations import rim_terms, surface_terms
+from pickproof.perception.refinement.normal_equations import (
+    Association,
+    CadPoints,
+    EdgeSearch,
+    Outline,
+    VoteWeights,
+    rim_terms,
+    surface_terms,
+)
+from pickproof.perception.refinement.numba_kernels import KernelPoses
 from tests.perception import artificial
 
 
@@ -116,12 +125,16 @@ def loops_and_tensors(scene, projective):
     surface = SurfaceMap.of(scene.frame, shape.unit, 1.2e-4)
     R, t = pushed(scene, scene.pixels > 0.3 * scene.pixels.max(), 0.04, 8)
     view, threshold, count = shape.view_of(R, t), 0.06, 200
+    no_votes = surface.nearest_vote.numpy(), np.zeros((0, 3), np.float32)
     found = surface_terms(
-        R.numpy(), t.numpy(), view.numpy(), shape.visible.numpy(), shape.visible_normals.numpy(), count,
-        surface.table.numpy(), surface.camera, np.float32(threshold), np.float32(MIN_FACING), projective,
-        *shape.field.arrays, surface.nearest_vote.numpy(), np.zeros((0, 3), np.float32), np.float32(1), np.float32(1),
-        *shape.elongation,
-    )  # fmt: skip
+        KernelPoses(R.numpy(), t.numpy(), view.numpy()),
+        CadPoints(shape.visible.numpy(), shape.visible_normals.numpy(), count),
+        surface.table.numpy(),
+        surface.camera,
+        shape.field.arrays,
+        Association(np.float32(threshold), np.float32(MIN_FACING), projective),
+        VoteWeights(*no_votes, np.float32(1), np.float32(1), *shape.elongation),
+    )
     a = compare(R, t, surface, shape, count)
     rows = surface.at(surface.pixels_of(a.drawn)[0])
     distance, gradient = shape.field.look_up(a.points)
@@ -164,11 +177,10 @@ def ramp_image(edge):
 def test_outline_moves_to_the_edge_of_the_depth(edge, offset):
     """One outline point at the middle column, searched 0.2 to both sides: its offset is where the surface ends."""
     camera = np.array([100, 100, 50, 0, 100, 1], np.float32)  # 0.01 a pixel at depth 1
-    one = np.float32([[[0, 0, 0]]]), np.float32([[[1, 0, 0]]])
-    H, s = rim_terms(
-        np.eye(3, dtype=np.float32)[None], np.float32([[0, 0, 1]]), np.zeros(1, np.int64), *one, 1,
-        np.float32(0.2), 21, np.float32(0.1), np.float32(1.0), ramp_image(edge), camera,
-    )  # fmt: skip
+    pose = KernelPoses(np.eye(3, dtype=np.float32)[None], np.float32([[0, 0, 1]]), np.zeros(1, np.int64))
+    outline = Outline(np.float32([[[0, 0, 0]]]), np.float32([[[1, 0, 0]]]), 1)
+    search = EdgeSearch(np.float32(0.2), 21, np.float32(0.1), np.float32(1.0), ramp_image(edge), camera)
+    H, s = rim_terms(pose, outline, search)
     if offset is None:
         assert not H.any() and not s.any()
     else:

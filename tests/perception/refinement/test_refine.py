@@ -1,4 +1,4 @@
-"""The back half as a whole: right poses from weak votes, none from nothing, and the same ones every time."""
+"""Refinement as a whole: right poses from weak votes, none from nothing, and the same ones every time."""
 
 import numpy as np
 import pytest

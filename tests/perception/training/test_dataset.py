@@ -16,6 +16,8 @@ from pickproof.perception.ps6d.point_hierarchy import build_graph
 from pickproof.perception.training.dataset import Sample, collate, label, make_sample, stream, train_sample
 from tests.perception.small_heaps import bracket, small_heaps
 
+pytestmark = pytest.mark.slow
+
 
 def assert_same(a: Sample, b: Sample) -> None:
     for name in ("keep", "instance", "centres", "rotations"):

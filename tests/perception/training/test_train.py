@@ -22,6 +22,8 @@ from pickproof.perception.training.trainer import Mean, TrainConfig, Trainer, ba
 from pickproof.scenarios.commands.cli import main
 from tests.perception.small_heaps import bracket, fill_folder, small_heaps
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

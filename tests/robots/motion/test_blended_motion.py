@@ -98,26 +98,26 @@ def test_the_tools_acceleration_keeps_its_limit(robot: RobotModel) -> None:
             assert limit > 4.0 or shaken > 0.85 * limit
 
 
-def test_laws_are_as_quick_as_ruckigs_and_keep_their_limits(robot: RobotModel) -> None:
+def test_profiles_are_as_quick_as_ruckigs_and_keep_their_limits(robot: RobotModel) -> None:
     """From rest to rest on one axis, against an arm whose first joint has these limits."""
     rng = np.random.default_rng(0)
     v, a, j = (10 ** rng.uniform(-1, 2, 200) for _ in range(3))
     one = np.ones(6)
     for k in range(200):
-        law, soft = s_curve(v[k], a[k], j[k]), rise(a[k], j[k], rng.uniform(0.1, 0.6))
+        profile, soft = s_curve(v[k], a[k], j[k]), rise(a[k], j[k], rng.uniform(0.1, 0.6))
         limits = {"velocity": one * v[k], "acceleration": one * a[k], "jerk": one * j[k]}
         arm = type("Arm", (), limits)
         found = joint_segment(arm, np.zeros(6), one)  # type: ignore[arg-type]
-        assert law.duration == pytest.approx(found.duration, rel=1e-9)
-        for one_law in (law, soft):
-            times = np.linspace(-0.1, 1.1, 1001) * one_law.duration
-            s = one_law.at(times)
+        assert profile.duration == pytest.approx(found.duration, rel=1e-9)
+        for each in (profile, soft):
+            times = np.linspace(-0.1, 1.1, 1001) * each.duration
+            s = each.at(times)
             assert s[0].min() == 0.0 and s[0].max() == pytest.approx(1.0) and (np.diff(s[0]) >= -1e-12).all()
             for lower, upper in pairwise(s[:3]):
                 slope = np.diff(lower) / (times[1] - times[0])
                 assert (slope <= np.maximum(upper[1:], upper[:-1]) + 0.05 * np.abs(upper).max()).all()
-            assert one_law.at(np.array([when(one_law.table, 0.3)]))[0, 0] == pytest.approx(0.3, abs=1e-6)
-        s = law.at(np.linspace(0.0, 1.0, 1001) * law.duration)
+            assert each.at(np.array([when(each.table, 0.3)]))[0, 0] == pytest.approx(0.3, abs=1e-6)
+        s = profile.at(np.linspace(0.0, 1.0, 1001) * profile.duration)
         for derivative, limit in zip(s[1:], (v[k], a[k], j[k]), strict=True):
             assert np.abs(derivative).max() <= limit * (1 + 1e-9)
 

@@ -15,9 +15,12 @@ from pickproof.robots.motion.blended_motion import OFF_LINE
 from pickproof.robots.motion.dynamics import Load
 from pickproof.robots.motion.trajectory import Trajectory
 from pickproof.robots.plan.path_search import search
-from pickproof.robots.plan.pick_plan import UP, PickPlan, PickRequest, check_grasps, plan_pick
-from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at, share_of_limits, tilted
+from pickproof.robots.plan.pick_plan import PickPlan, PickRequest, check_grasps, plan_pick
+from pickproof.robots.plan.pick_stops import UP
+from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, changed, request_at, share_of_limits, tilted
 from tests.robots.motion.test_trajectory import assert_at_rest, assert_keeps_limits
+
+pytestmark = pytest.mark.slow
 
 TOLERANCE = OFF_LINE + 0.1e-3  # [m]
 WALL = Box("wall", (0.5, 0.006, 0.45), make_transform(t=(0.4, -0.2, 0.225)))
@@ -41,33 +44,33 @@ def assert_carries_out(scene: CollisionScene, request: PickRequest, plan: PickPl
     np.testing.assert_allclose(plan.approach.q[0], request.q_start, atol=1e-12)
     q_end = plan.carry.q[-1] if request.q_end is None else request.q_end
     np.testing.assert_allclose(plan.leave.q[-1], q_end, atol=1e-12)
-    grasp, place = request.T_base_tool_grasp, request.Ts_base_tool_place[plan.place]
+    grasp, place = request.T_base_tool_grasp, request.places.Ts_base_tool[plan.place]
     np.testing.assert_allclose(tool(robot, plan.approach.q[-1]), grasp, atol=1e-6)
     np.testing.assert_allclose(tool(robot, plan.carry.q[-1]), place, atol=1e-6)
     for q in (plan.approach.q[-1], plan.carry.q[-1]):
         assert int(branch(robot, q)) == plan.branch in FRONT
 
-    straight = request.straight or 0.05  # where the whole line is kept; at its very end the way on begins
+    straight = request.lines.straight or 0.05  # where the whole line is kept; at its very end the way on begins
     down = grasp[:3, 2]
     into = tool(robot, plan.approach.q)[:, :3, 3] - grasp[:3, 3]
-    assert off_line(into, -down, min(straight, request.approach)) < TOLERANCE
+    assert off_line(into, -down, min(straight, request.lines.approach)) < TOLERANCE
     out = tool(robot, plan.lift.q)[:, :3, 3] - grasp[:3, 3]
-    assert off_line(out, np.array(request.retract_direction), min(straight, request.retract)) < TOLERANCE
+    assert off_line(out, np.array(request.lines.retract_direction), min(straight, request.lines.retract)) < TOLERANCE
     onto = tool(robot, plan.carry.q)[:, :3, 3] - place[:3, 3]
-    assert off_line(onto, UP, min(straight, request.place_height)) < TOLERANCE
+    assert off_line(onto, UP, min(straight, request.lines.place)) < TOLERANCE
 
     assert scene.path_contact(plan.approach.q, "contact") is None
-    before_line = np.linalg.norm(into, axis=1) > request.approach
+    before_line = np.linalg.norm(into, axis=1) > request.lines.approach
     assert scene.path_contact(plan.approach.q[before_line]) is None
     assert scene.path_contact(plan.leave.q) is None
-    scene.hold(request.held.seen_from(T_FLANGE_TOOL), request.held_tolerance)
+    scene.hold(request.part.held.seen_from(T_FLANGE_TOOL), request.part.tolerance)
     assert scene.path_contact(plan.lift.q, "contact") is None
     assert scene.path_contact(plan.carry.q) is None
     scene.release()
 
     points = tool(robot, motions[1].q)[:-1, :3, 3]
     acceleration = np.linalg.norm(np.diff(points, 2, axis=0), axis=1) / plan.carry.dt**2
-    assert acceleration.max() <= 1.05 * request.carry_acceleration
+    assert acceleration.max() <= 1.05 * request.limits.carry_acceleration
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
@@ -83,6 +86,7 @@ def off_line(points: Array, way: Array, length: float) -> float:
     return float(np.linalg.norm(near - (near @ way)[:, None] * way, axis=1).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("x", "y", "R"), [(0.45, 0.0, DOWN), (0.42, 0.03, tilted(20, 60, 30)), (0.47, -0.02, tilted(20, 200, 100))]
 )
@@ -98,28 +102,32 @@ def test_a_part_at_a_high_wall_is_lifted_out_before_it_turns_away(robot: RobotMo
     """A first line of 6 cm ends beside the wall, where the part cannot turn; the longer one ends above it."""
     wall = Box("wall", (0.006, 0.30, 0.14), make_transform(t=(0.45 - 0.0125, 0.0, 0.07)))
     thin = tuple(b for b in TOOL if b.name != "palm")
-    request = replace(request_at(robot, 0.45, 0.0), q_end=None, retract=0.06, straight=0.012, searched=False)
+    request = changed(
+        request_at(robot, 0.45, 0.0), q_end=None, lines={"retract": 0.06, "straight": 0.012}, search={"allowed": False}
+    )
     short = plan_pick(CollisionScene(robot, thin, [*CELL, wall]), request)
     assert isinstance(short, PlanFailure) and short.stage == Stage.CARRY, short
     scene = CollisionScene(robot, thin, [*CELL, wall])
-    plan = plan_pick(scene, replace(request, clear=0.13))
+    plan = plan_pick(scene, changed(request, lines={"out_of_bin": 0.13}))
     assert isinstance(plan, PickPlan), plan
     assert_carries_out(scene, request, plan)
-    unbound = plan_pick(CollisionScene(robot, thin, CELL), replace(request, clear=0.13))
+    unbound = plan_pick(CollisionScene(robot, thin, CELL), changed(request, lines={"out_of_bin": 0.13}))
     assert isinstance(unbound, PickPlan) and unbound.carry.duration < plan.carry.duration  # not longer than need be
 
 
 def test_picks_one_after_the_other_without_going_home(robot: RobotModel, scene: CollisionScene) -> None:
     """The arm waits where it let the part go; the next pick leaves that place straight up and may round its lines."""
-    request = replace(request_at(robot, 0.45, 0.0), q_end=None, straight=0.02)
+    request = changed(request_at(robot, 0.45, 0.0), q_end=None, lines={"straight": 0.02})
     first = plan_pick(scene, request)
     assert isinstance(first, PickPlan), first
     assert_carries_out(scene, request, first)
     assert len(first.leave.q) == 1
     assert first.cleared == 0
     waits = first.carry.q[-1]
-    request = replace(request_at(robot, 0.41, 0.03, tilted(20, 60, 30)), q_start=waits, q_end=None, straight=0.02)
-    request = replace(request, depart=0.08)
+    request = changed(
+        request_at(robot, 0.41, 0.03, tilted(20, 60, 30)), q_start=waits, q_end=None, lines={"straight": 0.02}
+    )
+    request = changed(request, lines={"depart": 0.08})
     second = plan_pick(scene, request)
     assert isinstance(second, PickPlan), second
     assert_carries_out(scene, request, second)
@@ -127,14 +135,14 @@ def test_picks_one_after_the_other_without_going_home(robot: RobotModel, scene: 
     assert off_line(away, UP, 0.02) < TOLERANCE
     assert np.linalg.norm(away[second.cleared]) >= 0.08
     assert np.linalg.norm(away[second.cleared - 1]) < 0.08
-    whole = plan_pick(scene, replace(request, straight=None))
+    whole = plan_pick(scene, changed(request, lines={"straight": None}))
     assert isinstance(whole, PickPlan)
     assert second.duration < 0.9 * whole.duration
 
 
 def test_of_places_equally_wanted_the_quickest_is_used(robot: RobotModel, scene: CollisionScene) -> None:
     request = request_at(robot, 0.45, 0.0)
-    plans = [plan_pick(scene, replace(request, place_rank=rank)) for rank in (None, (0, 0, 0), (1, 1, 0))]
+    plans = [plan_pick(scene, changed(request, places={"rank": rank})) for rank in (None, (0, 0, 0), (1, 1, 0))]
     carried = [p.lift.duration + p.carry.duration for p in plans if isinstance(p, PickPlan)]
     places = [p.place for p in plans if isinstance(p, PickPlan)]
     assert places[0] == 0
@@ -202,12 +210,12 @@ def test_every_failure_names_its_reason(robot: RobotModel, scene: CollisionScene
     covered = failure(CollisionScene(robot, TOOL, [*CELL, lid]), base)
     assert covered.reason == "no_path"
     assert "lid" in covered.detail
-    far = failure(scene, replace(base, retract=0.6))
+    far = failure(scene, changed(base, lines={"retract": 0.6}))
     assert far.stage == Stage.LIFT_LINE
     assert far.detail.startswith("lift line: ")
-    none = failure(scene, replace(base, Ts_base_tool_place=np.zeros((0, 4, 4))))
+    none = failure(scene, changed(base, places={"Ts_base_tool": np.zeros((0, 4, 4))}))
     assert (none.stage, none.cause) == (Stage.PLACE, Cause.NO_PLACE)
-    deep = failure(scene, replace(base, Ts_base_tool_place=make_transform(DOWN, [[0.25, -0.4, -0.05]])))
+    deep = failure(scene, changed(base, places={"Ts_base_tool": make_transform(DOWN, [[0.25, -0.4, -0.05]])}))
     assert deep.reason == "no_path"
     assert (deep.stage, deep.where) == (Stage.PLACE, "place pose 0")
 
@@ -262,15 +270,15 @@ def test_a_heavy_part_is_carried_slower_and_one_too_heavy_not_at_all(robot: Robo
     """Motors as weak as the planner may assume: the torques of the plan by themselves, at every sample."""
     weak = replace(robot, effort=robot.effort * (0.25, 0.25, 0.25, 0.1, 0.1, 0.1))
     scene.robot = weak
-    request = replace(request_at(robot, 0.45, 0.0), tool_load=Load(0.7, np.array([0.0, 0.0, 0.06])))
+    request = changed(request_at(robot, 0.45, 0.0), hand={"load": Load(0.7, np.array([0.0, 0.0, 0.06]))})
     seconds = []
     for mass in (0.1, 2.0):
         part = Load(mass, np.array([0.0, 0.0, 0.16]))
-        plan = plan_pick(scene, replace(request, part_load=part, carry_acceleration=40.0))
+        plan = plan_pick(scene, changed(request, part={"load": part}, limits={"carry_acceleration": 40.0}))
         assert isinstance(plan, PickPlan), plan
         both = joined(plan.lift, plan.carry)
-        assert (share_of_limits(weak, both, request.tool_load + part) < 1.01).all()
+        assert (share_of_limits(weak, both, request.hand.load + part) < 1.01).all()
         seconds.append(both.duration)
     assert seconds[1] > 1.02 * seconds[0]
-    refused = failure(scene, replace(request, part_load=Load(60.0, np.array([0.0, 0.0, 0.16]))))
+    refused = failure(scene, changed(request, part={"load": Load(60.0, np.array([0.0, 0.0, 0.16]))}))
     assert (refused.cause, refused.reason) == (Cause.TORQUE, "unreachable")

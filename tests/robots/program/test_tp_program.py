@@ -7,7 +7,8 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.frames import from_rpy
 from pickproof.robots.kinematics.inverse import inverse
 from pickproof.robots.kinematics.model import RobotModel, forward, load_robot, to_pendant
-from pickproof.robots.program.tp_program import Program, Waypoint, configuration, parse_program, write_program
+from pickproof.robots.program.tp_program import Waypoint, configuration, write_program
+from tests.robots.program.tp_reader import Program, parse_program
 
 T_FLANGE_TOOL = from_rpy((0.01, -0.02, 0.18), (0.0, 0.0, 0.3))
 

@@ -3,15 +3,17 @@ import shutil
 import pytest
 
 from pickproof.cell.errors import InputError, PickproofError
-from pickproof.cell.workpiece.workpiece import SHIPPED
 from pickproof.scenarios.campaign.campaign import run_campaign
 from pickproof.scenarios.campaign.request import CampaignRequest
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.config.shipped import WORKPIECES
 from pickproof.scenarios.results.record_hash import record_hash
 from pickproof.scenarios.results.records import Reason
 from pickproof.scenarios.results.store import Store
 from pickproof.scenarios.results.summary import summarise
 from tests.scenarios.fake_episode import run_episode
+
+pytestmark = pytest.mark.slow
 
 
 def campaign(out, episodes=2, workers=1, gripper="jaw_v1", count=6, on_event=lambda event: None, **options):
@@ -55,7 +57,7 @@ def test_one_worker_or_two_or_resumed_the_same_records(tmp_path):
 
 
 def test_changed_inputs_are_not_resumed(tmp_path, monkeypatch):
-    shutil.copytree(SHIPPED / "bracket", tmp_path / "parts" / "bracket", ignore=shutil.ignore_patterns("variants"))
+    shutil.copytree(WORKPIECES / "bracket", tmp_path / "parts" / "bracket", ignore=shutil.ignore_patterns("variants"))
     monkeypatch.setenv("PICKPROOF_WORKPIECES", str(tmp_path / "parts"))
     *_, s = campaign(tmp_path / "run", episodes=1)
     assert len(s["inputs_hash"]) == 64

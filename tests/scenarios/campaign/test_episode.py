@@ -14,6 +14,8 @@ from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.results.record_hash import record_hash
 from pickproof.scenarios.results.records import NO_PICK_REASONS, AttemptRecord, EpisodeRecord
 
+pytestmark = pytest.mark.slow
+
 ORACLE = frozenset({"perception"})
 
 

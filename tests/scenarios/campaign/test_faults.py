@@ -1,8 +1,11 @@
 """A small storm; `python -m tests.benchmarks.faults` is the long one."""
 
 import numpy as np
+import pytest
 
 from tests.benchmarks.faults import SLOW, storm
+
+pytestmark = pytest.mark.slow
 
 
 def test_kills_of_workers_and_driver_lose_and_double_nothing(tmp_path):

@@ -13,6 +13,8 @@ import pytest
 from pickproof.cell.numerics import SWITCH
 from pickproof.scenarios.config.input_hashes import changed
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[3]
 GOLDEN = json.loads((ROOT / "tests" / "benchmarks" / "golden.json").read_text(encoding="utf-8"))
 _GROUPS = [[name for name in sorted(GOLDEN["hashes"]) if ("ps6d" in name) == ps6d] for ps6d in (False, True)]

@@ -18,6 +18,8 @@ from tests.benchmarks.faults import FAKE, SLOW, Nodes, storm
 from tests.scenarios.fake_episode import run_episode
 from tests.scenarios.sockets import listening, on_loopback
 
+pytestmark = pytest.mark.slow
+
 # not imported here: Ray reads how far it may be seen when it is imported
 needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="pickproof[cluster] is not installed")
 ray_leaves_rests = pytest.mark.filterwarnings(  # pipes and processes, to the collector

@@ -8,9 +8,9 @@ import pytest
 from rich.console import Console
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.attribute import folder_of, run_modes
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.comparison.attribution import MODES, attribute, print_attribution, verdict_line
+from pickproof.scenarios.comparison.attribution_run import folder_of, run_modes
 from pickproof.scenarios.comparison.paired import Outcome
 from pickproof.scenarios.config.scenario import load_scenario
 from pickproof.scenarios.results.store import FILE
@@ -131,6 +131,7 @@ def test_no_arm_ever_moved():
     assert a.named is None and a.stages[0].success is None and a.rest is None
 
 
+@pytest.mark.slow
 def test_a_planted_loss_is_named_through_real_campaigns(in_process, tmp_path):
     scenario = load_scenario("bracket", ["count=40"])
     a = run_modes(scenario, 6, 1, tmp_path, planted_oracles.run_episode, "test")

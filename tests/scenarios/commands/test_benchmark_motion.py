@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pickproof.scenarios.commands.benchmark_motion import Measured, summary
+from pickproof.scenarios.campaign.motion_times import Measured, summary
 from pickproof.scenarios.commands.cli import main
+
+pytestmark = pytest.mark.slow
 
 
 def measured(steady: bool, motion: float, plan_s: float = 0.05) -> Measured:

@@ -11,15 +11,18 @@ import pytest
 
 from pickproof.cell.errors import PickproofError
 from pickproof.scenarios.commands.cli import main
+from pickproof.scenarios.commands.registry import GROUPS
 from pickproof.scenarios.files.atomic import free_folder
 from pickproof.scenarios.results.store import FILE, Store
+
+pytestmark = pytest.mark.slow
 
 FAKE = [sys.executable, str(Path(__file__).parents[1] / "fake_cli.py")]
 SMALL = ["--set", "count=6", "--set", "stop.attempt_limit=20"]
 KEYS = {
     "scenario", "scenario_hash", "weights_hash", "inputs_hash", "seed", "episodes", "oracle", "attempts", "successes",
     "success_rate", "wilson95", "cluster95", "clearance", "no_picks", "reasons", "ends", "cycle_s", "picks_per_hour",
-    "wall_s", "wall_per_attempt_s", "record_hash",
+    "wall_s", "wall_per_attempt_s", "record_hash", "parts_left_per_episode",
 }  # fmt: skip
 
 
@@ -67,13 +70,20 @@ def test_list_and_help(capsys):
     assert main(["list"]) == 0
     assert capsys.readouterr().out.count("bracket") >= 2
     assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    places = [text.index(f"─ {group} ─") for group in GROUPS]
+    assert places == sorted(places)
     assert main(["--version"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("pickproof ") and out.count("\n") == 1 and err == ""
 
 
-def test_help_waits_for_no_heavy_import():
-    code = "import sys; from pickproof.scenarios.commands.cli import main; main(['--help']); print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"torch", "open3d", "pybullet", "numpy", "rich"} & set(loaded)
+@pytest.mark.parametrize("words", [[], ["run"], ["tune"], ["train"], ["onboard"], ["benchmark", "perception"]])
+def test_help_waits_for_no_heavy_import(words):
+    code = "import sys; from pickproof.scenarios.commands.cli import main; main(sys.argv[1:]); print(*sys.modules)"
+    command = [sys.executable, "-c", code, *words, "--help"]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert not {"torch", "open3d", "pybullet", "numpy", "pydantic"} & set(loaded)
 
 
 def test_run_leaves_summary_and_report(tmp_path):
@@ -143,8 +153,6 @@ def test_interrupt_keeps_finished_attempts_and_resume_completes(tmp_path, how):
 def test_a_run_that_cannot_start_leaves_no_results(
     field: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from pickproof.scenarios.commands.cli import main
-
     assert main(["run", "bracket", "--set", field, "--out", str(tmp_path / "run")]) == 2
     error = capsys.readouterr().err
     assert field.partition("=")[2] in error and len(error.splitlines()) == 1

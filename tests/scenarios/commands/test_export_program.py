@@ -10,11 +10,11 @@ import pytest
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.robots.kinematics.model import forward, load_robot
 from pickproof.robots.motion.blended_motion import OFF_LINE
-from pickproof.robots.program.tp_program import parse_program
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.config.scenario import load_scenario, scenario_json
 from pickproof.scenarios.results.records import AttemptRecord, Reason
 from pickproof.scenarios.results.store import Store
+from tests.robots.program.tp_reader import parse_program
 from tests.scenarios.campaign.test_episode import run
 
 

@@ -8,17 +8,20 @@ import sys
 import pytest
 
 from pickproof.cell.child_process import FOLDERS
-from pickproof.cell.workpiece.workpiece import SHIPPED, list_workpieces, load_workpiece
+from pickproof.cell.workpiece.workpiece import list_workpieces, load_workpiece
 from pickproof.scenarios.commands.cli import main
 from pickproof.scenarios.config.scenario import SHIPPED as SCENARIOS
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.config.shipped import WORKPIECES
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
 def mine(tmp_path):
     """A folder with a copy of the bracket, named clip, and its scenario of 7."""
     folder = tmp_path / "parts" / "clip"
-    shutil.copytree(SHIPPED / "bracket", folder, ignore=shutil.ignore_patterns("variants"))
+    shutil.copytree(WORKPIECES / "bracket", folder, ignore=shutil.ignore_patterns("variants"))
     for source, name in ((folder / "workpiece.yaml", "workpiece.yaml"), (SCENARIOS / "bracket.yaml", "scenario.yaml")):
         text = (
             source.read_text().replace("name: bracket", "name: clip").replace("workpiece: bracket", "workpiece: clip")

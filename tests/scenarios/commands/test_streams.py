@@ -11,10 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from pickproof.scenarios.commands import cli
+from pickproof.scenarios.commands import cli, listing
 from pickproof.scenarios.comparison.baseline import baseline_of, write_baseline
 from pickproof.scenarios.config.scenario import load_scenario
 from tests.scenarios.planted_episode import write_campaign
+
+pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parents[1]
 FAKE = [sys.executable, str(HERE / "fake_cli.py")]
@@ -90,10 +92,10 @@ def test_a_name_that_is_no_text_is_printed(tmp_path: Path) -> None:
 
 
 def test_an_unforeseen_exception_is_one_line_and_never_exit_code_1(tmp_path: Path, monkeypatch, capsys) -> None:
-    def surprise(args: object) -> int:
+    def surprise() -> int:
         raise ValueError("no such\nthing")
 
-    monkeypatch.setattr(cli, "_list", surprise)
+    monkeypatch.setattr(listing, "listing", surprise)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert cli.main(["list"]) == cli.INTERNAL == 70
     err = capsys.readouterr().err
@@ -108,10 +110,10 @@ def test_an_unforeseen_exception_is_one_line_and_never_exit_code_1(tmp_path: Pat
     ("raised", "code"), [(SystemExit("words"), 70), (SystemExit(None), 0), (KeyboardInterrupt(), 130), (OSError(), 2)]
 )
 def test_other_ends(raised: BaseException, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    def ending(args: object) -> int:
+    def ending() -> int:
         raise raised
 
-    monkeypatch.setattr(cli, "_list", ending)
+    monkeypatch.setattr(listing, "listing", ending)
     assert cli.main(["list"]) == code
     assert type(sys.stdout).__name__ != "_Lasting"  # as it was before
 

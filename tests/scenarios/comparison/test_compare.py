@@ -1,11 +1,15 @@
 import json
 
+import numpy as np
 import pytest
 
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.commands.cli import main
-from pickproof.scenarios.comparison.compare import compare, verdict_line
+from pickproof.scenarios.comparison.compare import compare
+from pickproof.scenarios.comparison.compare_text import differ_line, verdict_line, verdict_lines
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord
+from pickproof.scenarios.results.store import Store
 from tests.scenarios.planted_episode import write_campaign
 
 
@@ -33,8 +37,6 @@ def test_a_worse_system_is_called_worse_and_the_other_way_round(campaign):
 
 def test_first_attempts_by_hand(campaign):
     """Luck of the first attempt in 200 bins between 0.8 and 0.95: those pairs, and no others, are discordant."""
-    import numpy as np
-
     luck = np.array([np.random.default_rng((seed, 1)).random(80)[0] for seed in range(200)])
     only_a = int(((luck >= 0.8) & (luck < 0.95)).sum())
     f = compare(campaign("a", 0.95, range(200)), campaign("b", 0.8, range(200))).first_attempts
@@ -99,14 +101,56 @@ def test_other_bins_are_refused_in_one_line(campaign, capsys, seeds, overrides, 
 
 
 def test_bins_that_were_filled_otherwise_are_refused(campaign):
-    from pickproof.scenarios.results.records import EpisodeRecord
-    from pickproof.scenarios.results.store import Store
-
     a, b = campaign("a", 0.95), campaign("b", 0.95, range(3))
     with Store.resume(b) as store:
         store.add_episode(EpisodeRecord(7, 9, 9, "cleared", 0, 0.0))
     with pytest.raises(InputError, match="seed 7: 9 is not valid; expected 10"):
         compare(a, b)
+
+
+def timed(out, seeds, cycle_s, no_pick_s=0.0, scenario=("count=10",), picked=10):
+    """Episodes of successful picks that take `cycle_s` and one no-pick; noise is the same in every campaign."""
+    write_campaign(out, load_scenario("bracket", scenario), range(0), seed=0)
+    with Store.resume(out) as store:
+        for seed in seeds:
+            noise = np.random.default_rng(seed).normal(0, 0.02, picked)
+            for i in range(picked):
+                store.add_attempt(AttemptRecord(seed, i, True, True, "", 10 - i, 1, robot_s=cycle_s + noise[i]))
+            if no_pick_s:
+                idle = AttemptRecord(seed, picked, False, False, "no_detection", 0, 0, sensing_s=no_pick_s)
+                store.add_attempt(idle)
+            store.add_episode(EpisodeRecord(seed, 10, picked, "stuck", picked + bool(no_pick_s), 1.0))
+    return out
+
+
+def test_a_slower_cell_is_worse_in_cycle_and_picks_an_hour_alone(tmp_path):
+    c = compare(timed(tmp_path / "a", range(6), 2.0), timed(tmp_path / "b", range(6), 2.2))
+    assert c.verdicts == {
+        "success": "no evidence", "clearance": "no evidence", "cycle": "worse", "picks_per_hour": "worse"
+    }  # fmt: skip
+    assert c.cycle.difference == pytest.approx(0.2) and c.cycle.interval95[0] > 0.15
+    assert c.picks_per_hour.a == pytest.approx(1800, rel=0.02)
+    assert any("worse: cycle 2." in line for line in verdict_lines(c))
+
+
+def test_no_picks_cost_picks_an_hour_and_not_the_cycle(tmp_path):
+    c = compare(timed(tmp_path / "a", range(6), 2.0), timed(tmp_path / "b", range(6), 2.0, no_pick_s=4.0))
+    assert (c.verdicts["cycle"], c.verdicts["picks_per_hour"]) == ("no evidence", "worse")
+    assert c.picks_per_hour.b == pytest.approx(c.picks_per_hour.a * 20 / 24, rel=0.01)
+
+
+def test_lost_clearance_is_a_verdict_of_its_own(tmp_path):
+    c = compare(timed(tmp_path / "a", range(6), 2.0), timed(tmp_path / "b", range(6), 2.0, picked=6))
+    assert c.verdict == "no evidence" and c.verdicts["clearance"] == "worse"
+    assert c.clearance.difference == pytest.approx(-0.4)
+
+
+def test_what_differs_is_said_with_both_values(campaign):
+    c = compare(campaign("a", 0.95), campaign("b", 0.8, oracle=["perception"], weights_hash="0f" * 32))
+    line = differ_line(c.differ)
+    for words in ("carry.speed_scale 0.95 -> 0.8", "oracle none -> perception", "weights_hash none -> 0f0f0f0f0f"):
+        assert words in line
+    assert list(c.differ) == c.changed
 
 
 def test_command(campaign, tmp_path, capsys):

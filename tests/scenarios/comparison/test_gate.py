@@ -48,6 +48,7 @@ def test_decisions(in_process, baseline, tmp_path, rate, decision):
     assert case.get("failures") == str(int(decision == "worse")) and case.get("errors") == "0"
 
 
+@pytest.mark.slow
 def test_undecided_at_the_limit_and_resumed_to_a_decision(baseline, tmp_path, request):
     straight = gate(0.95, baseline, tmp_path / "straight", workers=2)
     request.getfixturevalue("in_process")
@@ -97,6 +98,7 @@ def test_gaps_are_refused(baseline):
         read_baseline(baseline)
 
 
+@pytest.mark.slow
 def test_commands(planted, tmp_path, capsys):
     base = ["--set", "count=10", "--set", "carry.speed_scale"]
     assert planted("baseline", "bracket", *base[:3], "carry.speed_scale=0.95", "--episodes", "120") == 0

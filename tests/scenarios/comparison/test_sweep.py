@@ -36,6 +36,7 @@ def test_every_combination_is_checked_before_the_first_runs(tmp_path):
         plan("bracket", [parse_axis("count=1:100:1"), parse_axis("seed=1,2,3")], None, tmp_path)
 
 
+@pytest.mark.slow
 def test_command_is_resumable(planted, tmp_path, capsys):
     out = tmp_path / "sweep"
     words = ["sweep", "bracket", "--out", str(out), "--episodes", "4", "--set", "count=10"]

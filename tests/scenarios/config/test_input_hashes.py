@@ -4,17 +4,17 @@ import shutil
 import pytest
 
 from pickproof.cell.grippers.registry import SHIPPED as GRIPPERS
-from pickproof.cell.workpiece.workpiece import SHIPPED
 from pickproof.scenarios.config import input_hashes as inputs
 from pickproof.scenarios.config.input_hashes import changed, input_hashes, inputs_hash, versions
 from pickproof.scenarios.config.scenario import load_scenario
+from pickproof.scenarios.config.shipped import WORKPIECES
 
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
     """Copies of all that a scenario of brackets reads, by what they are called there."""
     part = tmp_path / "parts" / "bracket"
-    shutil.copytree(SHIPPED / "bracket", part, ignore=shutil.ignore_patterns("variants"))
+    shutil.copytree(WORKPIECES / "bracket", part, ignore=shutil.ignore_patterns("variants"))
     shutil.copy(GRIPPERS / "jaw_v1.yaml", tmp_path / "mine.yaml")
     robot = tmp_path / "robots" / "lrmate200id"
     shutil.copytree(inputs.ROOT / "robots" / "lrmate200id", robot)

@@ -21,6 +21,8 @@ from pickproof.scenarios.grasp_editor.snapping import frame_of
 from pickproof.scenarios.grasp_trials.trial import TrialCell
 from tests.scenarios.browser import CHROMIUM, Browser
 
+pytestmark = pytest.mark.slow
+
 BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
 PATIENCE = 240.0  # [s] that a busy machine may take
 

@@ -23,6 +23,8 @@ from pickproof.scenarios.grasp_trials.check import (
 )
 from pickproof.scenarios.grasp_trials.trial import FAR, SHIFT, TURN, TrialCell, pose_errors
 
+pytestmark = pytest.mark.slow
+
 BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
 
 
@@ -83,8 +85,8 @@ def test_without_weight_a_workpiece_stays_in_the_air_until_it_is_gripped(cell: T
     best = best_candidate(grasp("plate_from_top"), cell.resting_poses()[0], BRACKET, JAW)
     assert isinstance(best, GraspCandidate)
     T_world_tool = make_transform(t=(0.0, 0.0, 0.3)) @ best.T_world_tool
-    assert cell.try_grasp(T, T_world_tool, best.opening, afloat=True).held
-    assert not cell.try_grasp(T, make_transform(t=(0.0, 0.0, 0.03)) @ T_world_tool, best.opening, afloat=True).held
+    assert cell.try_grasp(T, T_world_tool, best.opening, weightless=True).held
+    assert not cell.try_grasp(T, make_transform(t=(0.0, 0.0, 0.03)) @ T_world_tool, best.opening, weightless=True).held
     cell.world.run(0.2)
     assert cell.world.part_pose(0)[2, 3] < 0.2
 

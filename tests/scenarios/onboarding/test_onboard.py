@@ -19,8 +19,8 @@ from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.cell.workpiece.resting_poses import resting_poses
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import load_grasps
-from pickproof.scenarios.commands import onboard
 from pickproof.scenarios.commands.cli import main
+from pickproof.scenarios.commands.onboard import OnboardOptions, decided
 from pickproof.scenarios.config.scenario import Scenario, load_scenario
 from pickproof.scenarios.onboarding import part as onboard_part
 from pickproof.scenarios.onboarding.cell_proposal import propose_cell, propose_heap, rank_grippers
@@ -28,7 +28,10 @@ from pickproof.scenarios.onboarding.part import search_symmetry, understand, wri
 from pickproof.scenarios.picking.workcell import check_inputs
 from tests.cell.workpiece.part_shapes import extruded, mesh_of, polygon
 
+pytestmark = pytest.mark.slow
+
 ORACLE = frozenset({"perception"})
+OPTIONS = OnboardOptions(unit="mm", name="x")
 
 
 @pytest.fixture(scope="module")
@@ -113,8 +116,7 @@ def test_a_mesh_cut_short_is_one_line(tmp_path, capsys) -> None:
 def test_the_user_decides(answer, degrees, monkeypatch) -> None:
     _, found = search_symmetry(checked_frustum())
     monkeypatch.setattr("builtins.input", lambda prompt: answer)
-    args = onboard_args()
-    assert onboard._decided(args, found) == degrees
+    assert decided(OPTIONS, found) == degrees
 
 
 def test_without_an_answer_it_asks_for_yes(monkeypatch) -> None:
@@ -123,15 +125,7 @@ def test_without_an_answer_it_asks_for_yes(monkeypatch) -> None:
 
     monkeypatch.setattr("builtins.input", closed)
     with pytest.raises(InputError, match="--yes"):
-        onboard._decided(onboard_args(), search_symmetry(checked_frustum())[1])
-
-
-def onboard_args():
-    import argparse
-
-    parser = argparse.ArgumentParser()
-    onboard.add_arguments(parser)
-    return parser.parse_args(["x.stl", "--unit", "mm", "--name", "x"])
+        decided(OPTIONS, search_symmetry(checked_frustum())[1])
 
 
 def checked_frustum() -> Checked:

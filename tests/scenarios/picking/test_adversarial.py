@@ -23,6 +23,8 @@ from pickproof.scenarios.picking.cell_model import PLACE, SOURCE
 from pickproof.scenarios.picking.outcome import judge
 from pickproof.scenarios.picking.stages import Evidence
 
+pytestmark = pytest.mark.slow
+
 SOURCE_BIN = Bin(SOURCE, (0.26, 0.20, 0.06), 0.006, (0.45, 0.0, 0.01))
 PLACE_BIN = Bin(PLACE, (0.26, 0.20, 0.06), 0.006, (0.25, -0.36, 0.01))
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

@@ -36,6 +36,8 @@ from pickproof.scenarios.reporting.explain import explain
 from pickproof.scenarios.results.records import AttemptRecord, Reason
 from tests.cell.physics.grasp_cell import GraspCell
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("heavier", [1.0, 2.0, 3.0])
 def test_the_wrist_feels_the_weight_of_what_is_held(heavier: float) -> None:

@@ -21,12 +21,15 @@ from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.robots.collision.held_part import HeldPart
 from pickproof.robots.collision.scene import CollisionScene
 from pickproof.robots.kinematics.model import load_robot
-from pickproof.robots.plan.pick_plan import PickPlan, PickRequest, plan_pick
+from pickproof.robots.plan.pick_plan import PickPlan, plan_pick
+from pickproof.robots.plan.pick_request import CarriedPart, Hand, Lines, MotionLimits, PickRequest, PlacePoses
 from pickproof.scenarios.picking.cell_model import PLACE, SOURCE
 from pickproof.scenarios.picking.outcome import judge
 from pickproof.scenarios.picking.stages import Evidence
 from pickproof.scenarios.placing.heap_placing import PlacePlan
 from tests.cell.workpiece.solids import block, drilled
+
+pytestmark = pytest.mark.slow
 
 SOURCE_BIN = Bin(SOURCE, (0.26, 0.20, 0.06), 0.006, (0.45, 0.0, 0.01))
 PLACE_BIN = Bin(PLACE, (0.30, 0.24, 0.06), 0.006, (0.20, -0.42, 0.01))
@@ -67,14 +70,11 @@ def empty_the_bin(gripper: Gripper, workpiece: Workpiece, count: int) -> list[st
                 q_start=robot.home,
                 q_end=robot.home,
                 T_base_tool_grasp=T_world_tool,
-                Ts_base_tool_place=places.tool_poses(T_part_tool),
-                T_flange_tool=gripper.T_flange_tool,
-                held=HeldPart(workpiece.pieces, invert(T_part_tool)),
-                approach=0.06,
-                retract=0.10,
-                place_height=0.08,
-                carry_acceleration=8.0,
-                dt=world.dt,
+                places=PlacePoses(places.tool_poses(T_part_tool)),
+                hand=Hand(gripper.T_flange_tool),
+                part=CarriedPart(HeldPart(workpiece.pieces, invert(T_part_tool))),
+                lines=Lines(approach=0.06, retract=0.10, place=0.08),
+                limits=MotionLimits(carry_acceleration=8.0, dt=world.dt),
             ),
         )
         assert isinstance(plan, PickPlan), plan

@@ -21,6 +21,8 @@ from pickproof.scenarios.picking.pick import attempt_pick
 from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import Reason
 
+pytestmark = pytest.mark.slow
+
 CARRY = 4
 """Of the motions of a pick: out of the place bin, to the grasp, up, over."""
 

@@ -24,6 +24,8 @@ from pickproof.scenarios.picking.pick import attempt_pick
 from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import AttemptRecord
 
+pytestmark = pytest.mark.slow
+
 FAR = "source_bin={inner: [0.26, 0.20, 0.06], position: [1.30, 0.0, 0.01]}"
 CAMERA = "camera={eye: [1.30, 0.0, 0.86], target: [1.30, 0.0, 0.01]}"
 ALL = frozenset({"perception", "grasp", "motion"})

@@ -133,7 +133,7 @@ def test_a_wrong_estimate_takes_the_blame_for_what_follows_from_it(changes: dict
 
 
 def test_no_evidence_is_ever_a_success_without_the_whole_definition() -> None:
-    """Random attempts against the definition of docs/scenarios.md, written down a second time."""
+    """Random attempts against the definition of docs/reference/definitions.md, written down a second time."""
     rng = np.random.default_rng(0)
     successes = 0
     for _ in range(5000):

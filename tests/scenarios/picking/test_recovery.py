@@ -26,6 +26,8 @@ from pickproof.scenarios.picking.stages import ComputeTimes, Considered, Planned
 from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import Reason
 
+pytestmark = pytest.mark.slow
+
 PLANNED_SEED = 0
 
 

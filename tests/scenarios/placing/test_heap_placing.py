@@ -16,7 +16,7 @@ from pickproof.scenarios.placing.heap_placing import (
     DROP,
     MAX_FALL,
     MAX_LEAN,
-    SLOTS_OFFERED,
+    SLOTS_AT_ONCE,
     PlacePlan,
     likely_rests,
     place_error,
@@ -42,7 +42,7 @@ def holds(bracket: Workpiece) -> Array:
 
 
 def parts_in_bin(plan: PlacePlan, T_part_tool: Array) -> Array:
-    """T_bin_part of the held part at every offered pose."""
+    """T_bin_part of the held part at every proposed pose."""
     return invert(plan.bin.T_world_bin) @ plan.tool_poses(T_part_tool) @ invert(T_part_tool)
 
 
@@ -52,8 +52,8 @@ def test_a_held_part_is_let_go_as_it_will_lie(bracket: Workpiece, holds: Array) 
     seen = set()
     for T_part_tool in holds:
         Ts = plan.tool_poses(T_part_tool)
-        flat, down = Ts[: -SLOTS_OFFERED * YAWS], Ts[-SLOTS_OFFERED * YAWS :]
-        assert len(flat) in (0, SLOTS_OFFERED * YAWS)
+        flat, down = Ts[: -SLOTS_AT_ONCE * YAWS], Ts[-SLOTS_AT_ONCE * YAWS :]
+        assert len(flat) in (0, SLOTS_AT_ONCE * YAWS)
         np.testing.assert_allclose(down[:, :3, 2], np.tile([0.0, 0.0, -1.0], (len(down), 1)), atol=1e-12)
         for T in flat:
             assert -T[2, 2] >= np.cos(np.deg2rad(45.0)) - 1e-9
@@ -71,7 +71,7 @@ def test_the_lowest_point_is_released_just_above_what_lies_below(bracket: Workpi
     for T_part_tool in holds:
         Ts = parts_in_bin(plan, T_part_tool)
         heights = apply(Ts, bracket.vertices)[..., 2].min(axis=1)
-        filled = np.array(plan.used)[plan.offered]
+        filled = np.array(plan.used)[plan.slot_of_pose]
         np.testing.assert_allclose(heights, DROP + filled * layer, atol=1e-9)
         plan.fill(0)
 
@@ -80,7 +80,7 @@ def test_the_part_hangs_over_the_middle_of_its_slot_whatever_the_hold(bracket: W
     plan = PlacePlan(BIN, bracket, JAW)
     for T_part_tool in holds:
         centres = parts_in_bin(plan, T_part_tool)[:, :2, 3]
-        np.testing.assert_allclose(centres, plan.slots.centres[plan.offered], atol=1e-9)
+        np.testing.assert_allclose(centres, plan.slots.centres[plan.slot_of_pose], atol=1e-9)
         plan.fill(5)
 
 
@@ -104,18 +104,18 @@ def test_slots_fill_evenly_in_layers(bracket: Workpiece, holds: Array) -> None:
         plan.fill(int(rng.integers(YAWS)))  # the planner may take any yaw of the first slot
         assert sum(plan.used) == placed
         assert max(plan.used) - min(plan.used) <= 1
-        assert len(poses) == len(plan.offered)
+        assert len(poses) == len(plan.slot_of_pose)
     assert set(plan.used) == {3}
 
 
-def test_a_refused_slot_is_offered_again(bracket: Workpiece, holds: Array) -> None:
+def test_a_refused_slot_comes_again(bracket: Workpiece, holds: Array) -> None:
     plan = PlacePlan(BIN, bracket, JAW)
     plan.tool_poses(holds[0])
     plan.fill(2 * YAWS)  # the third choice
-    assert np.flatnonzero(plan.used).tolist() == [plan.offered[2 * YAWS]]
+    assert np.flatnonzero(plan.used).tolist() == [plan.slot_of_pose[2 * YAWS]]
     plan.tool_poses(holds[0])
-    assert 2 not in plan.offered
-    assert plan.offered[0] == 0
+    assert 2 not in plan.slot_of_pose
+    assert plan.slot_of_pose[0] == 0
 
 
 def test_a_bin_smaller_than_the_part_has_one_slot_in_its_middle(bracket: Workpiece) -> None:
@@ -125,14 +125,14 @@ def test_a_bin_smaller_than_the_part_has_one_slot_in_its_middle(bracket: Workpie
 
 
 def test_slots_without_a_way_make_room_for_others(bracket: Workpiece, holds: Array) -> None:
-    """Every slot is offered in turn, however many of them cannot be reached, and heights do not change by it."""
+    """Every slot comes in turn, however many of them cannot be reached, and heights do not change by it."""
     plan = PlacePlan(replace(BIN, inner=(0.40, 0.30, 0.06)), bracket, JAW)
-    assert len(plan.slots.centres) > 2 * SLOTS_OFFERED
+    assert len(plan.slots.centres) > 2 * SLOTS_AT_ONCE
     seen: set[int] = set()
     for _ in range(plan.rounds):
         heights = apply(parts_in_bin(plan, holds[0]), bracket.vertices)[..., 2].min(axis=1)
         np.testing.assert_allclose(heights, DROP, atol=1e-9)
-        seen |= set(plan.offered.tolist())
+        seen |= set(plan.slot_of_pose.tolist())
         plan.pass_over()
     assert seen == set(range(len(plan.slots.centres)))
     assert sum(plan.used) == 0

@@ -57,7 +57,7 @@ def test_cells_stand_at_the_pitch_in_the_turned_fixture() -> None:
     np.testing.assert_allclose(middles[3] - middles[0], (-0.05, 0.0, 0.0), atol=1e-12)
 
 
-def test_every_pose_offered_lets_the_workpiece_go_as_wanted(bracket: Workpiece, grasps: GraspPoses) -> None:
+def test_every_proposed_pose_lets_the_workpiece_go_as_wanted(bracket: Workpiece, grasps: GraspPoses) -> None:
     """Up to symmetry, a hover over a free cell, the tool leaning little and clear of bin and neighbours."""
     two_fold = replace(bracket, symmetry=Symmetry((0, 0, 180)))
     plan, _ = plan_of(two_fold)
@@ -69,7 +69,7 @@ def test_every_pose_offered_lets_the_workpiece_go_as_wanted(bracket: Workpiece, 
         T_part_tool = grasps.Ts_part_tool[rng.choice(np.flatnonzero(can))]
         Ts = plan.tool_poses(T_part_tool, 0.03)
         shape = OpenGripper.of(JAW.boxes(0.03))
-        for T, cell in zip(Ts, plan.offered, strict=True):
+        for T, cell in zip(Ts, plan.slot_of_pose, strict=True):
             part = T @ invert(T_part_tool)
             assert plan.used[cell] == 0
             np.testing.assert_allclose(part[:3, 3] - plan.wanted[cell][:3, 3], (0.0, 0.0, HOVER), atol=1e-9)

@@ -42,6 +42,8 @@ from tests.scenarios.browser import CHROMIUM, Browser
 from tests.scenarios.reporting.test_report import meta
 from tests.scenarios.sockets import listening, on_loopback
 
+pytestmark = pytest.mark.slow
+
 SEED, LIMIT = 5, 300_000
 
 

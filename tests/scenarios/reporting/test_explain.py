@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import sqlite3
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from pickproof.scenarios.reporting.report import verdict_rows
 from pickproof.scenarios.reporting.verdict_counts import verdict_counts
 from pickproof.scenarios.results.records import AttemptRecord
 from pickproof.scenarios.results.store import FILE, Store
-from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, request_at
+from tests.robots.arm_cell import CELL, DOWN, T_FLANGE_TOOL, TOOL, changed, request_at
 from tests.scenarios.campaign.test_episode import run
 
 NAMES = {box.name for box in TOOL}
@@ -70,14 +69,18 @@ def test_an_outstretched_arm_is_singular(robot: RobotModel) -> None:
 def test_what_is_in_the_way_of_whom(robot: RobotModel) -> None:
     base = request_at(robot, 0.45, 0.0)
     wide = HeldPart((CollisionBox(size=(0.30, 0.05, 0.01), centre=(0, 0, 0)),), make_transform())
-    above = make_transform(t=(0.0, 0.0, 0.15)) @ base.Ts_base_tool_place  # the part is free there
+    above = make_transform(t=(0.0, 0.0, 0.15)) @ base.places.Ts_base_tool  # the part is free there
     lid = Box("lid", (0.26, 0.20, 0.01), make_transform(t=(0.45, 0, 0.13)))
     hill = HeightField(np.full((60, 60), 0.12), 0.33, -0.12, 0.004)
     cases = [
-        (CollisionScene(robot, TOOL, CELL), replace(base, held=wide, Ts_base_tool_place=above), Verdict.HELD_BIN),
+        (
+            CollisionScene(robot, TOOL, CELL),
+            changed(base, part={"held": wide}, places={"Ts_base_tool": above}),
+            Verdict.HELD_BIN,
+        ),
         (CollisionScene(robot, TOOL, [*CELL, lid]), base, Verdict.PATH_BLOCKED),
         (CollisionScene(robot, TOOL, CELL, hill), base, Verdict.GRIPPER_HEAP),
-        (CollisionScene(robot, TOOL, CELL), replace(base, Ts_base_tool_place=deep()), Verdict.PATH_BLOCKED),
+        (CollisionScene(robot, TOOL, CELL), changed(base, places={"Ts_base_tool": deep()}), Verdict.PATH_BLOCKED),
     ]
     for scene, request, verdict in cases:
         said = refusal(plan_pick(scene, request))

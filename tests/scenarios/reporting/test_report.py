@@ -62,17 +62,97 @@ def test_page_is_whole_and_self_contained(tmp_path):
     assert path.stat().st_size < 12_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_the_page_draws_its_figures_and_fetches_nothing(tmp_path):
     path = write_report(filled(tmp_path / "run"))
     with Browser(tmp_path) as browser:
         browser.open(path.as_uri())
-        browser.until("document.querySelectorAll('.js-plotly-plot .main-svg').length >= 4")
+        browser.until("document.querySelectorAll('.js-plotly-plot .main-svg').length >= 6")
         drawn = browser.run("[...document.querySelectorAll('.js-plotly-plot')].map(d => d.id).sort().join()")
-        assert drawn == "cycle,dependence,heat_map,pareto"
+        assert drawn == "bin_map,cycle,dependence_0,dependence_1,dependence_2,pareto"
         assert browser.run("document.querySelectorAll('#pareto .bars path').length") >= 1
         assert browser.errors == []
         assert [u for u in browser.requests if not u.startswith(("data:", "blob:"))] == [path.as_uri()]
+
+
+TOO_WIDE = """[...document.querySelectorAll('section, .card, .plots > div')]
+    .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.textContent.slice(0, 40)).join('; ')"""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+@pytest.mark.parametrize("width", [1200, 390])
+def test_nothing_is_wider_than_its_card(tmp_path, width):
+    """A grasp point has a long name and the phone is narrow; plots stand below each other there."""
+    out, name = filled(tmp_path / "run", 1), "jaw_on_the_long_side_of_the_bracket_turned_by_180_degrees"
+    with Store.resume(out) as store:
+        for i in range(3):
+            store.add_attempt(replace(attempt(i), seed=7, grasp=name, pictures={}))
+    path = write_report(out)
+    with Browser(tmp_path) as browser:
+        browser.send("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        browser.open(path.as_uri())
+        browser.until("document.querySelectorAll('.js-plotly-plot .main-svg').length >= 6")
+        assert browser.run(TOO_WIDE) == ""
+        assert browser.run("document.documentElement.scrollWidth") == width
+        columns = "new Set([...document.querySelectorAll('.plot')].map(e => e.getBoundingClientRect().left)).size"
+        assert browser.run(columns) == (2 if width == 1200 else 1)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_the_map_is_to_scale_with_the_outline_of_the_bin(tmp_path):
+    path = write_report(filled(tmp_path / "run"))
+    inner = load_scenario("bracket").source_bin.inner
+    with Browser(tmp_path) as browser:
+        browser.open(path.as_uri())
+        browser.until("document.querySelectorAll('#bin_map .shapelayer path').length == 1")
+        outline = "document.querySelector('#bin_map .shapelayer path').getBoundingClientRect()"
+        ratio = browser.run(f"({outline}.width - 3) / ({outline}.height - 3)")
+        assert ratio == pytest.approx(inner[0] / inner[1], rel=0.02)
+        scale = browser.run("document.getElementById('bin_map').data[0].colorscale[0][1]")
+        assert scale == "#00224e"  # cividis
+        ticks = browser.run("[...document.querySelectorAll('#pareto .ytick text')].map(e => e.textContent).join()")
+        assert all(float(t).is_integer() for t in ticks.split(","))
+
+
+def written(out, records, ends=(), **changes):
+    with Store.create(out, meta(**changes)) as store:
+        for a in records:
+            store.add_attempt(a)
+        for end in ends:
+            store.add_episode(end)
+    return write_report(out).read_text().replace(library(), "")
+
+
+def test_one_reason_is_a_line_of_text(tmp_path):
+    alone = written(tmp_path / "a", [attempt(0), attempt(1, "missed"), attempt(2, "missed")])
+    assert "One reason alone: <b>missed</b>, 2 times" in alone and 'id="pareto"' not in alone
+    both = written(tmp_path / "b", [attempt(0), attempt(1, "missed"), attempt(2, "slipped")])
+    assert "One reason alone" not in both and 'id="pareto"' in both
+
+
+def test_numbers_come_before_pictures(tmp_path):
+    page = written(tmp_path, [attempt(0), attempt(1, "missed")], [EpisodeRecord(0, 5, 1, "stopped", 2, 1.0)])
+    titles = re.findall("<h2>(.*?)</h2>", page)
+    assert titles.index("Grasp points") < titles.index("Episodes") < titles.index("Charts") < titles.index("Pictures")
+
+
+def test_grasp_points_that_were_never_used_are_folded(tmp_path):
+    tree = [{"score": 1.0, "ruled_out": {"step": {"tilt": 3}, "never": {"gripper_bin": 1}}, "candidates": []}]
+    page = written(tmp_path, [replace(attempt(0), tree=tree)])
+    used, folded = page.split('<details id="unused">')
+    assert "1 grasp point never used" in folded and "never<div" in folded.split("</details>")[0]
+    assert "1 of 1" in used and "never<div" not in used
+
+
+@pytest.mark.parametrize(("picked", "limit", "amber"), [(2, 80, True), (6, 80, False), (2, 1, False)])
+def test_a_rate_that_leaves_parts_in_the_bin_is_amber(tmp_path, picked, limit, amber):
+    """Where the stop rule ends an episode before its bin can be empty, clearance says nothing."""
+    scenario = load_scenario("bracket", ["count=6", f"stop.attempt_limit={limit}"])
+    ends = [EpisodeRecord(seed, 6, picked, "stuck", 1, 1.0) for seed in (0, 1)]
+    page = written(tmp_path, [attempt(0)], ends, scenario=scenario_json(scenario))
+    assert ('<div class="card head amber">' in page) == amber
+    assert f"{6 - picked}.0 workpieces left a bin" in page and "100.0 %" in page
 
 
 def test_a_script_in_a_name_stays_text(tmp_path):

@@ -21,6 +21,8 @@ from pickproof.scenarios.results.records import AttemptRecord
 from pickproof.scenarios.results.store import FILE, Store
 from tests.scenarios.planted_episode import write_campaign
 
+pytestmark = pytest.mark.slow
+
 NOBODY = 65534
 ATTEMPTS = 12
 
@@ -53,6 +55,9 @@ def as_another_user(words: list[str], cwd: Path) -> subprocess.CompletedProcess[
         "import pickproof.scenarios.commands.explain, pickproof.scenarios.commands.report\n"
         "import pickproof.scenarios.commands.compare, pickproof.scenarios.commands.index\n"
         "import pickproof.scenarios.commands.export, pickproof.scenarios.commands.baseline\n"
+        "import pickproof.scenarios.reporting.explain, pickproof.scenarios.reporting.report\n"
+        "import pickproof.scenarios.comparison.compare, pickproof.scenarios.reporting.index\n"
+        "import pickproof.scenarios.reporting.parquet, pickproof.scenarios.comparison.baseline\n"
         "import encodings.unicode_escape  # jinja2 asks for it; that user may not reach the library\n"
         f"if os.geteuid() == 0: os.setgroups([]); os.setgid({NOBODY}); os.setuid({NOBODY})\n"
         "sys.exit(cli.main(sys.argv[1:]))\n"

@@ -24,26 +24,19 @@ from pickproof.scenarios.files.grasps_text import table_text
 from pickproof.scenarios.grasp_trials.trial import TrialCell
 from pickproof.scenarios.results.store import FILE, Store
 from pickproof.scenarios.tuning import cell_objective as tune_bins
+from pickproof.scenarios.tuning.cell_space import Cell, candidate, cell_parameters
 from pickproof.scenarios.tuning.cell_stage import winner
 from pickproof.scenarios.tuning.grasp_objective import GraspTask, draw_errors, straddled, try_point
+from pickproof.scenarios.tuning.grasp_space import SHIFTS, TURNS, Reach, distance, grasp_parameters, moved
 from pickproof.scenarios.tuning.optimizer import Parameter, Search, Told, open_journal
-from pickproof.scenarios.tuning.plan import Plan
+from pickproof.scenarios.tuning.plan import Plan, Runners
 from pickproof.scenarios.tuning.proposal import changed_scenario, changed_table
 from pickproof.scenarios.tuning.report import move
 from pickproof.scenarios.tuning.run import Result, run_plan
-from pickproof.scenarios.tuning.search_space import (
-    SHIFTS,
-    TURNS,
-    Reach,
-    candidate,
-    cell_parameters,
-    distance,
-    grasp_parameters,
-    moved,
-    parse_field,
-    with_fields,
-)
+from pickproof.scenarios.tuning.scenario_fields import parse_field, with_fields
 from tests.scenarios import planted_episode, planted_tune
+
+pytestmark = pytest.mark.slow
 
 TABLE = SHIPPED / "workpieces" / "bracket" / "grasps.yaml"
 POINTS = {p.name: p for p in read_table(TABLE).grasps}
@@ -169,7 +162,7 @@ def plan_in(out: Path, workers: int = 1) -> Plan:
 def tuned(out: Path, workers: int) -> Result:
     plan = plan_in(out, workers)
     with mapping(workers) as run:
-        return run_plan(plan, open_journal(out), run, planted_episode.run_episode, trial=planted_tune.trial)
+        return run_plan(plan, open_journal(out), Runners(run, planted_episode.run_episode, planted_tune.trial))
 
 
 @pytest.mark.parametrize(
@@ -329,11 +322,13 @@ def test_resuming_with_another_winner_compares_that_one(tmp_path: Path, campaign
     points, scenario = list(plan.points), plan.scenario
     for speed in (0.6, 0.9):
         cell = with_fields(scenario, {"carry.speed_scale": speed})
-        tune_bins.run_folder(plan, planted_episode.run_episode, tmp_path / "new", points, cell, 7, 4)
+        tune_bins.run_folder(
+            plan, planted_episode.run_episode, tmp_path / "new", Cell(points, cell), tune_bins.Bins(7, 4)
+        )
     slow, fast = load_speed(tmp_path / "new-2"), load_speed(tmp_path / "new")
     assert (slow, fast) == (0.6, 0.9)
     other = [points[0].model_copy(update={"priority": 0.125}), *points[1:]]
-    tune_bins.run_folder(plan, planted_episode.run_episode, tmp_path / "new", other, cell, 7, 4)
+    tune_bins.run_folder(plan, planted_episode.run_episode, tmp_path / "new", Cell(other, cell), tune_bins.Bins(7, 4))
     assert read_table(tmp_path / "new" / "grasps.yaml").grasps[0].priority == 0.125
 
 
@@ -348,5 +343,7 @@ def test_bins_that_ended_out_of_order_are_not_taken_for_the_first(tmp_path: Path
     folder, points = tmp_path / "one", list(plan.points)
     planted_episode.write_campaign(folder, plan.scenario, range(7, 11, 2))
     (folder / "grasps.yaml").write_text(table_text(points, plan.gripper))
-    found = tune_bins.run_folder(plan, planted_episode.run_episode, folder, points, plan.scenario, 7, 2)
+    found = tune_bins.run_folder(
+        plan, planted_episode.run_episode, folder, Cell(points, plan.scenario), tune_bins.Bins(7, 2)
+    )
     assert [o.seed for o in found] == [7, 8]

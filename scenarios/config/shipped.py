@@ -1,0 +1,8 @@
+"""Where the shipped files lie; it imports nothing of the project, so that `import pickproof` can read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+WORKPIECES = Path(__file__).resolve().parents[1] / "workpieces"
+"""Folder of the shipped workpieces."""

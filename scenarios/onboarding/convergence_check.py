@@ -15,7 +15,7 @@ from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.candidates import GraspCandidate
 from pickproof.grasping.grasp_points import GraspPoint
 from pickproof.scenarios.grasp_trials.check import lying
-from pickproof.scenarios.grasp_trials.trial import TrialCell, pose_errors, try_errors
+from pickproof.scenarios.grasp_trials.trial import PlacedGrasp, TrialCell, pose_errors, try_errors
 
 GRASPS = 4
 """Grasps that are tried again, each with every error of the pose."""
@@ -76,7 +76,8 @@ def _verdicts(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoin
             place = _first(point, resting, workpiece, gripper)
             if place is not None:
                 k, best = place
-                trials = try_errors(cell, resting[k], best.T_world_tool, best.opening, pose_errors(workpiece))
+                placed = PlacedGrasp(resting[k], best.T_world_tool, best.opening)
+                trials = try_errors(cell, placed, pose_errors(workpiece))
                 held += [trial.held for trial in trials]
     return np.array(held, dtype=bool)
 

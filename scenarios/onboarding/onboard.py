@@ -177,7 +177,8 @@ def _equip(asked: Onboarding, part: Part, folder: Path, begun: float, say: Say) 
         say(f"{what}: {why}")
     seconds = time.monotonic() - begun
     write_whole(folder / PAGE, page(part, workpiece, held, fields, reasons, asked.mesh.name, seconds, cost))
-    write_json(folder / RECORD, record(part, workpiece, held, asked.mesh.name, asked.unit, cost) | {"cpu_s": time.process_time()})
+    told = record(part, workpiece, held, asked.mesh.name, asked.unit, cost)
+    write_json(folder / RECORD, told | {"cpu_s": time.process_time()})
     return bool(fields)
 
 

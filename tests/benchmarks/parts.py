@@ -1,8 +1,8 @@
 """CAD files onboarded and their bins emptied with perfect poses: `python -m tests.benchmarks.parts DIR`.
 
-Each file becomes a workpiece by `pickproof onboard --yes`, and its scenario runs N bins with `--oracle perception`. What is
-done is kept in the folder of --out, so that a run which was interrupted goes on where it was; log.txt there has the
-words of every command. The table, and parts.json, have a row for each file: pieces, grasps, picks, clearance, or why
+Each file becomes a workpiece by `pickproof onboard --yes`, and its scenario runs N bins with `--oracle perception`.
+What is done is kept in the folder of --out, so that a run which was interrupted goes on where it was; log.txt there has
+the words of every command. The table, and parts.json, have a row for each file: pieces, grasps, picks, clearance, or why
 it was refused. Exit code 1 if a part is under the limits of --picked and --cleared.
 """
 
@@ -64,7 +64,7 @@ class Bench:
 
     def row(self, file: Path) -> Row:
         """The row of a file, from results that are there already as far as they go."""
-        name = re.sub(r"[^A-Za-z0-9_-]", "_", file.stem + ("_" + file.suffix[1:] if file.suffix == ".stp" else ""))
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", file.stem + ("_stp" if file.suffix == ".stp" else ""))
         kept = self.out / "rows" / f"{name}.json"
         if kept.is_file():
             return Row(**json.loads(kept.read_text(encoding="utf-8")))
@@ -130,8 +130,10 @@ def table(rows: list[Row]) -> Table:
         failures = ", ".join(f"{k} {v}" for counts in (row.reasons, row.ends) for k, v in (counts or {}).items())
         picks = "" if row.attempts is None else f"{row.successes} of {row.attempts}"
         cleared = "" if row.clearance is None else f"{100 * row.clearance:.0f} %"
-        made.add_row(row.file, f"{row.mass_g:g}", str(row.pieces), f"{row.off_mm} / {row.bound_mm}", row.gripper or "none",
-                     str(row.grasps), str(row.iterations), str(row.onboard_s), picks, cleared, failures)  # fmt: skip
+        made.add_row(
+            row.file, f"{row.mass_g:g}", str(row.pieces), f"{row.off_mm} / {row.bound_mm}", row.gripper or "none",
+            str(row.grasps), str(row.iterations), str(row.onboard_s), picks, cleared, failures,
+        )  # fmt: skip
     return made
 
 
@@ -160,7 +162,8 @@ def main() -> int:
     rows, console = [], Console(width=None if sys.stdout.isatty() else 200)
     for file in files:
         rows.append(bench.row(file))
-        console.print(f"{file.name}: {rows[-1].refused or f'{rows[-1].successes} of {rows[-1].attempts}'}", markup=False)
+        last = rows[-1]
+        console.print(f"{file.name}: {last.refused or f'{last.successes} of {last.attempts}'}", markup=False)
         write_json(args.out / "parts.json", {"bins": args.bins, "seed": SEED, "parts": [asdict(row) for row in rows]})
     console.print(table(rows))
     good = [row for row in rows if row.picked >= args.picked and (row.clearance or 0.0) >= args.cleared]

@@ -242,7 +242,7 @@ def read_hulls(yaml_path: Path, path: Path, scale: float) -> tuple[CollisionHull
             hull.without_margin()
         except (QhullError, ValueError):
             raise bad(
-                what, f"a solid hull thicker than {2000 * HULL_MARGIN:.0f} mm (lengths are in mesh_unit)"
+                what, f"a solid hull thicker than {1000 * HULL_MARGIN:.0f} mm (lengths are in mesh_unit)"
             ) from None
         if len(hull.vertices) > MAX_HULL_VERTICES:
             raise bad(what, f"at most {MAX_HULL_VERTICES} vertices on each hull")

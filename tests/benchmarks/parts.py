@@ -2,8 +2,8 @@
 
 Each file becomes a workpiece by `pickproof onboard --yes`, and its scenario runs N bins with `--oracle perception`.
 What is done is kept in the folder of --out, so that a run which was interrupted goes on where it was; log.txt there has
-the words of every command. The table, and parts.json, have a row for each file: pieces, grasps, picks, clearance, or why
-it was refused. Exit code 1 if a part is under the limits of --picked and --cleared.
+the words of every command. The table, and parts.json, have a row for each file: pieces, grasps, picks, clearance, or
+why it was refused. Exit code 1 if a part is under the limits of --picked and --cleared.
 """
 
 from __future__ import annotations

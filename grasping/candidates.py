@@ -1,7 +1,7 @@
 """Estimates times grasp poses, each ruled out with its first reason or ranked.
 
 Takes the estimated poses of a frame, the grasp poses of the workpiece and the measured heap; gives a `Selection`. The
-checks of one estimate are in `grasping.estimate_checks`, the terms and weights of the rank in `grasping.ranking`.
+checks of one estimate and the terms of the rank are in `grasping.estimate_checks`, the weights in `grasping.ranking`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The rank of a grasp: a weighted sum of terms, each in [0, 1] and 1 for the best."""
+"""The rank of a grasp: a weighted sum of terms, each in [0, 1] and 1 for the best.
+
+The weights are here. The terms are computed in `estimate_checks.py`, `motion` in `scenarios/picking/motion_time.py`.
+Planning follows the rank but for one thing: `scenarios/picking/plan_selection.py` takes the workpieces by turns.
+"""
 
 from __future__ import annotations
 

@@ -16,12 +16,12 @@ import numpy as np
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array, about_axis, apply, invert, make_transform
 from pickproof.cell.grippers.base import Gripper
-from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.one_sided import OneSidedGripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
 from pickproof.grasping.sample_freeform import freeform_proposals
-from pickproof.grasping.sample_pads import pad_proposals
+from pickproof.grasping.sample_one_sided import one_sided_proposals
 
 STEP_DEG = 15.0  # between approaches about the closing direction
 RAYS = 4000
@@ -58,7 +58,7 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
     """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
 
     One function proposes for each kind of gripper: `jaw_proposals` and then `freeform_proposals`, which finds what
-    teeth and curved faces allow, or `pad_proposals` for cups and magnets.
+    teeth and curved faces allow, or `one_sided_proposals` for cups and magnets.
 
     Raises:
         InputError: another kind of gripper.
@@ -67,8 +67,8 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
     proposals: Iterator[GraspPoint]
     if isinstance(gripper, ParallelJaw):
         proposals = chain(jaw_proposals(workpiece, gripper, rng), freeform_proposals(workpiece, gripper, rng))
-    elif isinstance(gripper, PadGripper):
-        proposals = pad_proposals(workpiece, gripper, rng)
+    elif isinstance(gripper, OneSidedGripper):
+        proposals = one_sided_proposals(workpiece, gripper, rng)
     else:
         raise InputError("command line", "--gripper", gripper.name, "a parallel jaw, cups or magnets")
     found: list[GraspPoint] = []

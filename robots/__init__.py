@@ -1,4 +1,8 @@
-"""Tool poses become joint trajectories. The only folder that imports pinocchio, coal, ompl and ruckig."""
+"""Tool poses become joint trajectories. The only folder that imports pinocchio, coal, ompl and ruckig.
+
+A folder with a robot.yaml is a robot, one with an __init__.py is code. How to add a robot:
+docs/reference/robot-file.md.
+"""
 
 from __future__ import annotations
 

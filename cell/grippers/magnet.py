@@ -16,13 +16,13 @@ from pydantic import Field
 
 from pickproof.cell.config import Fine
 from pickproof.cell.grippers.base import Positive
-from pickproof.cell.grippers.holding_force import Hold
-from pickproof.cell.grippers.one_sided import TOUCH, PadGripper, PadsConfig, Probe, disc
+from pickproof.cell.grippers.one_sided import TOUCH, OneSidedConfig, OneSidedGripper, Probe, disc
+from pickproof.cell.grippers.one_sided_hold import Hold
 
 FACE_RAYS = 120
 
 
-class MagnetConfig(PadsConfig):
+class MagnetConfig(OneSidedConfig):
     """Schema of a magnet's YAML file."""
 
     kind: Literal["magnet"] = Field(description="magnets")
@@ -36,7 +36,7 @@ class MagnetConfig(PadsConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Magnet(PadGripper):
+class Magnet(OneSidedGripper):
     """One round magnet or several; attributes are those of `MagnetConfig`."""
 
     force: float

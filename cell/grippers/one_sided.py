@@ -1,4 +1,4 @@
-"""Grippers that take a workpiece from one side: faces on a sprung slide that hold what they touch."""
+"""Cups and magnets, which take a workpiece from one side: faces on a sprung slide that hold what they touch."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pickproof.cell.config import Offset, Small
 from pickproof.cell.frames import Array, make_transform
 from pickproof.cell.geometry.bin import Box
 from pickproof.cell.grippers.base import Gripper, Positive, ToolConfig, ToolLink, tcp
-from pickproof.cell.grippers.holding_force import Hold
+from pickproof.cell.grippers.one_sided_hold import Hold
 from pickproof.cell.workpiece.collision_pieces import CollisionCylinder
 
 SLIDE_SPEED = 1.0  # [m/s]
@@ -41,7 +41,7 @@ Probe = Callable[[Array], Surface]
 """Surface under points (n, 2) of the tool's xy plane."""
 
 
-class PadsConfig(ToolConfig):
+class OneSidedConfig(ToolConfig):
     """What cups and magnets have in common."""
 
     diameter: Small = Field(description="[m] of each lip or face")
@@ -61,10 +61,10 @@ class PadsConfig(ToolConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PadGripper(Gripper):
+class OneSidedGripper(Gripper):
     """Cups or magnets, all of one kind, whose faces end in one plane through the TCP.
 
-    Attributes are those of `PadsConfig`.
+    Attributes are those of `OneSidedConfig`.
     """
 
     diameter: float

@@ -52,7 +52,7 @@ class JawConfig(ToolConfig):
     finger_mass: float = Field(gt=0, description="[kg] of each")
     force: float = Field(gt=0, le=1000, description="[N] of each pad")
     speed: float = Field(gt=0, le=2, description="[m/s] of each finger")
-    friction: float = Field(gt=0, le=2, description="of the pads, see cell.world.engine_friction")
+    friction: float = Field(gt=0, le=2, description="of the pads, see cell/physics/world.py")
 
     @model_validator(mode="after")
     def _fits(self) -> JawConfig:

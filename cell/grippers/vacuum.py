@@ -16,8 +16,8 @@ from pydantic import Field
 
 from pickproof.cell.config import Fine, Small
 from pickproof.cell.frames import Array
-from pickproof.cell.grippers.holding_force import Hold
-from pickproof.cell.grippers.one_sided import TOUCH, PadGripper, PadsConfig, Probe, Surface, disc, ring
+from pickproof.cell.grippers.one_sided import TOUCH, OneSidedConfig, OneSidedGripper, Probe, Surface, disc, ring
+from pickproof.cell.grippers.one_sided_hold import Hold
 
 RIM_RAYS, INNER_RAYS = 24, 40
 OUTSIDE = 0.0005  # [m] from the lip to the ring of rays around it
@@ -25,7 +25,7 @@ OUTSIDE = 0.0005  # [m] from the lip to the ring of rays around it
 Seal = Literal["", "no_contact", "edge", "uneven", "tilted", "leaking"]
 
 
-class VacuumConfig(PadsConfig):
+class VacuumConfig(OneSidedConfig):
     """Schema of a vacuum gripper's YAML file."""
 
     kind: Literal["vacuum"] = Field(description="cups")
@@ -43,7 +43,7 @@ class VacuumConfig(PadsConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VacuumGripper(PadGripper):
+class VacuumGripper(OneSidedGripper):
     """One cup or several; attributes are those of `VacuumConfig`."""
 
     effective_diameter: float

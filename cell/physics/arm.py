@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pickproof.cell.errors import InputError, SimulationError
 from pickproof.cell.frames import Array, from_quat_xyzw, make_transform, to_quat_xyzw
 from pickproof.cell.grippers.base import Gripper
-from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.one_sided import OneSidedGripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.physics._pybullet import pybullet
 from pickproof.cell.physics.arm_urdf import merged_urdf
@@ -52,7 +52,7 @@ class Arm:
         client = world.client
         base = np.eye(4) if T_world_base is None else T_world_base
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE  # no self-collision: the planner sees to that
-        if isinstance(gripper, PadGripper):
+        if isinstance(gripper, OneSidedGripper):
             flags |= pybullet.URDF_USE_IMPLICIT_CYLINDER  # faces end where they should, not 1 mm further
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "arm.urdf"
@@ -242,7 +242,7 @@ class Arm:
         self._drive_slide()
 
     def _drive_slide(self) -> None:
-        assert isinstance(self.gripper, PadGripper)
+        assert isinstance(self.gripper, OneSidedGripper)
         holding = any(connection.alive for connection in self.connections)
         self.world.client.setJointMotorControl2(
             self.body,

@@ -1,7 +1,7 @@
 """A workpiece on cups or magnets: a connection whose load is read after every step, and that can fail.
 
 A fixed constraint carries the workpiece; PyBullet's own `maxForce` would saturate instead of breaking. Its reaction is
-shared among the cups (`cell.grippers.holding_force`), each of which comes off as soon as its share is above one of its
+shared among the cups (`cell.grippers.one_sided_hold`), each of which comes off as soon as its share is above one of its
 limits; with
 the last one the constraint goes. Faces and workpiece do not collide meanwhile, or contact and constraint would fight.
 """
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pickproof.cell.frames import Array, from_quat_xyzw, invert, make_transform, to_quat_xyzw
-from pickproof.cell.grippers.holding_force import Hold, Limit, share
+from pickproof.cell.grippers.one_sided_hold import Hold, Limit, share
 from pickproof.cell.physics._pybullet import pybullet
 from pickproof.cell.physics.world import World
 

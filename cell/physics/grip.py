@@ -1,10 +1,13 @@
-"""Taking, holding and letting go, the same three calls for every kind of gripper."""
+"""Taking, holding and letting go, the same three calls for every kind of gripper.
+
+How hard it grips is in the gripper's file (`cell/grippers/*.yaml`); `Arm.drive_jaws` hands a jaw's force to PyBullet.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.one_sided import OneSidedGripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.physics.arm import Arm
 from pickproof.cell.physics.breakable_joint import Connection
@@ -33,7 +36,7 @@ def grip(world: World, arm: Arm) -> Grip:
     if isinstance(arm.gripper, ParallelJaw):
         jaws = close_jaws(world, arm)
         return Grip(jaws.parts, jaws.log)
-    gripper = _pads(arm)
+    gripper = _one_sided(arm)
     arm.let_go()
     log = wait(world, arm, gripper.switch_time)
     T = arm.face_pose()
@@ -51,7 +54,7 @@ def release(world: World, arm: Arm, opening: float | None = None) -> Grip:
     if isinstance(arm.gripper, ParallelJaw):
         jaws = open_jaws(world, arm, opening)
         return Grip(jaws.parts, jaws.log)
-    log = wait(world, arm, _pads(arm).switch_time)
+    log = wait(world, arm, _one_sided(arm).switch_time)
     arm.let_go()
     return Grip(held(world, arm), log)
 
@@ -63,6 +66,6 @@ def held(world: World, arm: Arm) -> tuple[int, ...]:
     return tuple(sorted(c.part for c in arm.connections if c.alive))
 
 
-def _pads(arm: Arm) -> PadGripper:
-    assert isinstance(arm.gripper, PadGripper)
+def _one_sided(arm: Arm) -> OneSidedGripper:
+    assert isinstance(arm.gripper, OneSidedGripper)
     return arm.gripper

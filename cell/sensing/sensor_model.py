@@ -43,7 +43,7 @@ class SensorConfig(Config):
     """Noise of a depth camera; `enabled: false` gives the exact render.
 
     `preset` names a camera class (cell/sensing/cameras/*.yaml), whose values the other fields replace one by one; the
-    defaults below are those of `structured_light`.
+    defaults below are those of `structured_light`: who changes that file changes them too (a test compares).
     """
 
     enabled: bool = Field(True, description="false gives the exact render")

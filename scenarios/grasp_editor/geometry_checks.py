@@ -16,14 +16,14 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array, apply, invert, make_transform
 from pickproof.cell.geometry.bin import Box
 from pickproof.cell.grippers.base import Gripper
-from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.one_sided import OneSidedGripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.workpiece.collision_pieces import CollisionBox, covering_boxes
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.clearance import OpenGripper
 from pickproof.grasping.grasp_points import OPENING_MARGIN, GraspPoint, expand, first_pose, opening
 from pickproof.grasping.sample import FACING, FREEFORM, INTO, TOUCH
-from pickproof.grasping.sample_pads import worst_use
+from pickproof.grasping.sample_one_sided import worst_use
 
 SPACING = 0.0008  # [m] between samples where the limits on their number leave it so
 FEWEST, MOST = 6_000, 60_000
@@ -77,7 +77,7 @@ class GraspJudge:
         T = invert(T_part_tool)
         hits = self._hits(T, opening, before)
         com = apply(T, self.workpiece.com[None])[0]
-        if isinstance(self.gripper, PadGripper):
+        if isinstance(self.gripper, OneSidedGripper):
             lips = T_part_tool @ make_transform(t=(0.0, 0.0, -pressed))  # where they meet the surface
             use = worst_use(self.workpiece, self.gripper, lips)
             return GraspVerdict(hits, np.inf, 0.0, (), (), float(np.hypot(com[0], com[1])), use)
@@ -144,7 +144,7 @@ class GraspJudge:
 
     def _solid(self, opening: float) -> list[Box]:
         """The gripper's boxes but faces of cups and magnets, which are meant to touch and give way."""
-        return self.gripper.body_boxes() if isinstance(self.gripper, PadGripper) else self.gripper.boxes(opening)
+        return self.gripper.body_boxes() if isinstance(self.gripper, OneSidedGripper) else self.gripper.boxes(opening)
 
     def _hits(self, T_tool_part: Array, opening: float, before: float) -> tuple[str, ...]:
         """Boxes with surface in them, each stretched back along the way in."""

@@ -19,7 +19,7 @@ from pickproof.cell.grippers.registry import list_grippers, load_gripper
 from pickproof.cell.sensing.sensor_model import SensorConfig
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.robots.kinematics.model import load_robot
-from pickproof.scenarios.config.scenario import BinConfig, robots
+from pickproof.scenarios.config.scenario import BinConfig
 from pickproof.scenarios.placing.slot_grid import slots_in
 
 LONGEST = (0.01, 0.03, 0.056, 0.083, 0.145, 0.216, 0.30, 0.436, 1.304)
@@ -39,7 +39,9 @@ SITES: dict[str, dict[str, Any]] = {
     "lrmate200id7l": {"source": 0.50, "place_x": 0.22, "widest": 0.54, "place": (0.72, 0.42)},
     "m20id25": {"source": 1.10, "place_x": 0.0, "widest": 1.50, "place": (1.28, 0.90)},
 }
-"""Where arms have their bins in the shipped scenarios: x of either [m], longest source bin, largest place bin."""
+"""Where arms have their bins in the shipped scenarios: x of either [m], longest source bin, largest place bin.
+
+A robot that is not in this table is never proposed."""
 LARGE_TABLE = {"size": [3.6, 3.6, 0.05], "centre_top": [0.2, 0.0, 0.0]}
 OVER = 0.01
 
@@ -120,7 +122,7 @@ def _judge(gripper: Gripper, workpiece: Workpiece, bin_depth: float) -> tuple[fl
 def propose_cell(workpiece: Workpiece, gripper: Gripper, heap: Heap) -> tuple[dict[str, Any], dict[str, str]]:
     """Fields of a scenario, and the reason of each choice; empty fields where no arm carries the part."""
     load = workpiece.mass + gripper.mass
-    for robot in sorted(robots(), key=lambda name: SITES[name]["widest"]):
+    for robot in sorted(SITES, key=lambda name: SITES[name]["widest"]):
         site, model = SITES[robot], load_robot(robot)
         if heap.bin_inner[0] <= site["widest"] and load < 0.9 * model.payload:
             break

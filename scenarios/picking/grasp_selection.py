@@ -1,6 +1,7 @@
 """From estimated poses to ranked candidates: grasp points on every estimate that leave the gripper room.
 
-The terms of the rank and their weights are in `grasping/ranking.py`; this adds the term of motion time.
+The weights of the rank are in `grasping/ranking.py`, its terms in `grasping/estimate_checks.py`; this adds the term of
+motion time.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """The definition of success and of every failure: an attempt judged from physics and ground truth after the fact.
 
-`judge` is the definition; docs/reference/definitions.md says it in words.
+`judge` is the definition; docs/reference/definitions.md says it in words. It reads `Evidence` (`stages.py`), which
+`execution.py` collects. Its limits are the scenario's field `limits`; `Place.accepts` has the tolerance of the place.
 """
 
 from __future__ import annotations

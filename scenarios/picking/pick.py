@@ -27,7 +27,7 @@ PICTURED = 2
 SENSING_STREAM, WRIST_STREAM = 1, 2
 """Of the random numbers of an attempt: for the camera and all that follows from it, and for the wrist's sensor."""
 Perceive = Callable[[Workcell, DepthFrame, np.ndarray, np.random.Generator], Estimates]
-"""PS6D, or the perception oracle, which alone reads the instance ids."""
+"""Frame and true instance ids to estimates: PS6D, a search, or the perception oracle, which alone reads the ids."""
 
 
 def attempt_pick(
@@ -41,23 +41,24 @@ def attempt_pick(
     """One attempt, from the depth image to the judged outcome.
 
     Args:
-        state: of the episode; it is changed.
+        perceive: finds the poses.
+        state: what the cell remembers between attempts; it is changed.
         seed: of the episode; attempt: index in it, from 0.
-        recorder: keeps the attempt to look at again, where one is wanted.
+        recorder: writes the attempt's replay file, where one is wanted.
     """
     begun = time.perf_counter()
     rng = np.random.default_rng((seed, SENSING_STREAM, attempt))
     pictures = AttemptPictures(cell, every_stage=attempt < PICTURED)
-    before = cell.observe()
+    before = cell.observe()  # ground truth, for the judge and the record alone
     recorder.start()
 
     frame, ids = cell.capture(rng)
     captured = working_time()
     estimates = perceive(cell, frame, ids, rng)
     perceived = working_time()
-    selection = choose(cell, frame, estimates, state, attempt)
+    selection = choose(cell, frame, estimates, state, attempt)  # all grasps: ranked, or why ruled out
     chosen = working_time()
-    decision = decide(cell, frame, selection, state, seed=int(rng.integers(2**31)))
+    decision = decide(cell, frame, selection, state, seed=int(rng.integers(2**31)))  # the best with a whole motion
     times = ComputeTimes(perceived - captured, chosen - perceived, working_time() - chosen)
     considered = Considered(before, frame, estimates, selection, decision, times)
 
@@ -65,10 +66,10 @@ def attempt_pick(
         outcome = Outcome(decision.reason, after=cell.observe())
         state.remember_no_pick(decision)
     else:
-        wrist = np.random.default_rng((seed, WRIST_STREAM, attempt))
-        executed = execute_pick(cell, state.place, considered, pictures, wrist)
+        wrist_rng = np.random.default_rng((seed, WRIST_STREAM, attempt))
+        executed = execute_pick(cell, state.place, considered, pictures, wrist_rng)
         outcome = judge_pick(cell, state.place, executed)
-        state.remember_pick(attempt, executed, cell.arm)
+        state.remember_pick(attempt, executed, cell.arm)  # what the cell saw itself, not the verdict
 
     pictures.finish(considered, outcome.success)
     record = attempt_record(cell, AttemptKey(seed, attempt), considered, outcome, pictures.taken)

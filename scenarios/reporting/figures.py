@@ -1,7 +1,12 @@
-"""The report's figures, drawn by plotly in the page itself; the library is embedded once, nothing is fetched."""
+"""The report's charts, drawn by plotly in the page itself; the library is embedded once, nothing is fetched.
+
+`report._figures` says which charts there are and of what; `trend` is of the index page. Bars within tables are HTML, in
+`templates/report.html.j2`.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -141,25 +146,28 @@ def cycle(parts: Sequence[Mapping[str, Any]]) -> go.Figure:
     return figure
 
 
-def trend(labels: Sequence[str], rates: Sequence[float | None], bounds: Sequence[Sequence[float]]) -> go.Figure:
-    """The rate of many runs with its interval, in the order given."""
-    points = [None if r is None else 100 * r for r in rates]
-    low, high = (
-        [0.0 if r is None else abs(100 * b[k] - r) for r, b in zip(points, bounds, strict=True)] for k in (0, 1)
-    )
-    figure = go.Figure(
-        go.Scatter(
-            x=list(range(len(labels))),
+def trend(
+    labels: Sequence[str], rates: Sequence[float | None], bounds: Sequence[Sequence[float]], groups: Sequence[str]
+) -> go.Figure:
+    """The rate of many runs with its interval, in the order given; runs of one group are joined by a line."""
+    figure = go.Figure()
+    colours = (BLUE, "#b35900", "#2f7d4f", "#7a4fa3", "#8a6d00", "#a03050")
+    for colour, group in zip(itertools.cycle(colours), dict.fromkeys(groups), strict=False):
+        mine = [i for i, g in enumerate(groups) if g == group and rates[i] is not None]
+        points = [100.0 * (rates[i] or 0.0) for i in mine]
+        low, high = ([abs(100 * bounds[i][k] - y) for i, y in zip(mine, points, strict=True)] for k in (0, 1))
+        figure.add_scatter(
+            x=mine,
             y=points,
-            error_y={"type": "data", "array": high, "arrayminus": low, "symmetric": False, "color": "#9db4cc"},
+            error_y={"type": "data", "array": high, "arrayminus": low, "symmetric": False, "thickness": 1},
             mode="lines+markers",
-            marker={"size": 9, "color": BLUE},
-            line={"color": "#bcd3ea"},
-            text=list(labels),
+            marker={"size": 9, "color": colour},
+            line={"color": colour, "width": 1},
+            name=group,
+            text=[labels[i] for i in mine],
             hovertemplate="%{text}: %{y:.1f} %<extra></extra>",
         )
-    )
-    figure.update_layout(**LAYOUT, height=320)
+    figure.update_layout(**(LAYOUT | {"showlegend": len(set(groups)) > 1}), height=320)
     figure.update_xaxes(tickvals=list(range(len(labels))), ticktext=list(labels))
     figure.update_yaxes(title_text="pick success, %", range=[-4, 105])
     return figure

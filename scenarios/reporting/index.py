@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +22,10 @@ OUT = Path("out/index.html")
 
 @dataclass(frozen=True)
 class Run:
-    """One campaign: its folder, its summary, and what `provenance` noted; `link` is its report's, empty without."""
+    """One campaign: its folder, its summary, and what `provenance` noted; `link` is its report's, empty without.
+
+    `first_only` campaigns end every bin after one attempt: their rate is that of full bins.
+    """
 
     folder: Path
     summary: dict[str, Any]
@@ -29,6 +33,7 @@ class Run:
     started: str
     command: str
     link: str
+    first_only: bool
 
 
 def find_runs(directories: Sequence[Path]) -> list[Path]:
@@ -52,7 +57,8 @@ def read_run(folder: Path, page: Path) -> Run:
         meta, summary = store.meta(), summarise(store)
     report = folder / REPORT
     link = os.path.relpath(report, page.parent) if report.is_file() else ""
-    return Run(folder, summary, meta.get("commit", ""), meta.get("started", ""), meta["command"], link)
+    first_only = json.loads(meta["scenario"])["stop"]["attempt_limit"] == 1
+    return Run(folder, summary, meta.get("commit", ""), meta.get("started", ""), meta["command"], link, first_only)
 
 
 def write_index(runs: Sequence[Run], path: Path) -> Path:
@@ -66,7 +72,8 @@ def write_index(runs: Sequence[Run], path: Path) -> Path:
         oracle = " + ".join(run.summary["oracle"])
         title = run.summary["scenario"] + (f", oracle: {oracle}" if oracle else "")
         groups.setdefault(title, []).append(run)
-    figures = {title: as_json(_trend(mine)) for title, mine in groups.items() if len(mine) > 1}
+    whole = {title: [run for run in mine if not run.first_only] for title, mine in groups.items()}
+    figures = {title: as_json(_trend(mine)) for title, mine in whole.items() if len(mine) > 1}
     template = page_template(
         "pickproof.scenarios.reporting", "index.html.j2", percent=percent, interval=interval, seconds=seconds
     )
@@ -76,7 +83,8 @@ def write_index(runs: Sequence[Run], path: Path) -> Path:
 
 def _trend(runs: Sequence[Run]) -> Any:
     labels = [f"{_short(r.commit) or r.folder.name}<br>{r.started[:10]}" for r in runs]
-    return trend(labels, [r.summary["success_rate"] for r in runs], [r.summary["cluster95"] for r in runs])
+    rates, bounds = [r.summary["success_rate"] for r in runs], [r.summary["cluster95"] for r in runs]
+    return trend(labels, rates, bounds, [f"scenario {r.summary['scenario_hash'][:8]}" for r in runs])
 
 
 def _short(commit: str) -> str:

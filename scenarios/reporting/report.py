@@ -136,7 +136,7 @@ def _numbers(meta: dict[str, Any], summary: dict[str, Any], attempts: Sequence[A
 
 
 def _pictures(store: Store, summary: dict[str, Any], attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
-    """Figures, and pictures of single attempts."""
+    """Charts, and pictures of single attempts."""
     shown = choose_shown(store, attempts)
     scenario = Scenario.model_validate_json(store.meta()["scenario"])
     return {

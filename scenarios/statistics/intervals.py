@@ -2,6 +2,9 @@
 
 Picks of one bin are not independent: a heap that is hard to pick is hard more than once. `wilson` ignores that,
 `cluster_interval` does not. Both stay inside [0, 1] and neither has width 0, whatever the counts.
+
+`results/summary.py` gives both for a campaign's rate. A class of attempts in a report has Wilson's, and a comparison of
+two campaigns has `difference_interval`.
 """
 
 from __future__ import annotations
@@ -15,7 +18,9 @@ from scipy.special import betaln, expit, logit, ndtri, stdtrit  # scipy.stats, w
 
 from pickproof.cell.frames import Array
 
-Z95 = float(ndtri(0.975))
+LOWER, UPPER = 0.025, 0.975
+"""Quantiles of every interval here. `Z95`, and `wilson95` and `cluster95` in summary.json, are named after them."""
+Z95 = float(ndtri(UPPER))
 ICC_PRIOR = 4.0
 """Correlation r within a bin has the prior density 4 (1 - r)^3, of mean 1/5."""
 UNSEEN_FAILURES, UNSEEN_ICC = 4.0, 0.05
@@ -81,7 +86,7 @@ def _posterior_bounds(s: Array, m: Array) -> Array:
     density = np.exp(log - log.max(1, keepdims=True)).reshape(len(s), len(rate), -1).sum(2) * prior
     cumulated = np.cumsum(density, 1)
     cumulated = np.column_stack([np.zeros(len(s)), cumulated / cumulated[:, -1:]])
-    return np.array([np.interp((0.025, 0.975), c, edges) for c in cumulated])
+    return np.array([np.interp((LOWER, UPPER), c, edges) for c in cumulated])
 
 
 def _rate_edges(s: Array, m: Array) -> Array:
@@ -140,7 +145,7 @@ def difference_intervals(first: tuple[Array, Array], second: tuple[Array, Array]
         return np.tile((-1.0, 1.0), (len(n1), 1))
     difference = second[0].sum(1) / n2 - first[0].sum(1) / n1
     variance = difference_variances(first, second)
-    half = stdtrit(episodes - 1, 0.975) * np.sqrt(variance)
+    half = stdtrit(episodes - 1, UPPER) * np.sqrt(variance)
     return np.clip(np.column_stack([difference - half, difference + half]), -1.0, 1.0)
 
 
@@ -167,7 +172,7 @@ def ratio_difference_interval(
     sides = tuple(tuple(np.asarray(part, dtype=float)[None] for part in side) for side in (first, second))
     (a, m), (b, n) = sides
     difference = float(b.sum() / n.sum() - a.sum() / m.sum())
-    half = float(stdtrit(a.shape[1] - 1, 0.975) * np.sqrt(_linearised_variances((a, m), (b, n))[0]))
+    half = float(stdtrit(a.shape[1] - 1, UPPER) * np.sqrt(_linearised_variances((a, m), (b, n))[0]))
     return (difference - half, difference + half)
 
 

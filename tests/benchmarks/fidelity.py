@@ -21,7 +21,7 @@ from pickproof.cell.grippers.vacuum import VacuumGripper
 from pickproof.cell.physics.picture import cell_picture
 from pickproof.cell.physics.world import GRAVITY
 from pickproof.cell.workpiece.workpiece import load_workpiece
-from tests.cell.grippers.pad_cell import FACE, PadCell
+from tests.cell.grippers.one_sided_cell import FACE, OneSidedCell
 from tests.cell.physics.laws import down_a_slope, drops, fall, jaw, pad_forces, roller, slip_of_a_grip, stack, tracking
 from tests.cell.physics.shaft_cell import carry_shaft
 from tests.cell.workpiece.solids import block, turned
@@ -76,7 +76,7 @@ def pulled_off(
     gripper: VacuumGripper | Magnet, force: np.ndarray, moment: np.ndarray, most: float
 ) -> tuple[float, float]:
     """Load at which a plate comes off, and the gap [m] under the face."""
-    cell = PadCell.build(gripper, block((0.06, 0.06, 0.02), MASS), gap=0.0001)
+    cell = OneSidedCell.build(gripper, block((0.06, 0.06, 0.02), MASS), gap=0.0001)
     load = cell.pull(force, moment, 2 * most, 3 * most) if cell.held else 0.0
     cell.world.close()
     return load, cell.gap
@@ -99,7 +99,7 @@ def pads(axes: Any) -> dict[str, float]:
     bends = []
     for share_of_pull in (0.0, 0.3, 0.6):
         plate, moment = block((0.06, 0.06, 0.02), MASS), np.array([1.0, 0.0, 0.0])
-        cell = PadCell.build(replace(cup, pressure=cup.pressure * (1 - share_of_pull)), plate)
+        cell = OneSidedCell.build(replace(cup, pressure=cup.pressure * (1 - share_of_pull)), plate)
         pressing = cell.arm.gripper.force - MASS * GRAVITY  # type: ignore[attr-defined]
         got = cell.pull(np.zeros(3), moment, pressing * cup.radius, 1.0)
         cell.world.close()
@@ -175,7 +175,7 @@ def gallery() -> None:
     pictures = []
     for name, eye in (("cup_20", 0.35), ("magnet_20", 0.35), ("cup_bar", 0.9)):
         workpiece = turned(load_workpiece("ps6d_23")) if name == "cup_bar" else block((0.06, 0.06, 0.02), MASS)
-        cell = PadCell.build(load_gripper(name), workpiece, gap=0.0)
+        cell = OneSidedCell.build(load_gripper(name), workpiece, gap=0.0)
         x, y, z = FACE
         pictures.append(cell_picture(cell.world, (x + eye, y - 0.6 * eye, z + 0.25 * eye), (x, y, z + 0.03), 420, 420))
         cell.world.close()

@@ -9,28 +9,28 @@ import numpy as np
 import pytest
 
 from pickproof.cell.frames import Array, about_axis, invert
-from pickproof.cell.grippers.holding_force import Hold, share
 from pickproof.cell.grippers.magnet import Magnet
 from pickproof.cell.grippers.one_sided import TOUCH
+from pickproof.cell.grippers.one_sided_hold import Hold, share
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.grippers.vacuum import OUTSIDE, VacuumGripper
 from pickproof.cell.physics.contact_probe import probe_part
 from pickproof.cell.physics.world import GRAVITY
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
-from tests.cell.grippers.pad_cell import PadCell
+from tests.cell.grippers.one_sided_cell import OneSidedCell
 from tests.cell.workpiece.solids import block, drilled, ribbed, rod, turned
 
-NewCell = Callable[..., PadCell]
+NewCell = Callable[..., OneSidedCell]
 PLATE = block((0.06, 0.06, 0.02), 0.3)
 WEIGHT = 0.3 * GRAVITY
 
 
 @pytest.fixture
 def new_cell() -> Iterator[NewCell]:
-    cells: list[PadCell] = []
+    cells: list[OneSidedCell] = []
 
-    def make(*args: object, **options: object) -> PadCell:
-        cells.append(PadCell.build(*args, **options))  # type: ignore[arg-type]
+    def make(*args: object, **options: object) -> OneSidedCell:
+        cells.append(OneSidedCell.build(*args, **options))  # type: ignore[arg-type]
         return cells[-1]
 
     yield make

@@ -19,7 +19,7 @@ from pickproof.cell.physics.world import World
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.robots.kinematics.inverse import inverse
 from pickproof.robots.kinematics.model import load_robot
-from tests.cell.grippers.pad_cell import DOWN, FACE
+from tests.cell.grippers.one_sided_cell import DOWN, FACE
 from tests.cell.workpiece.solids import block, rod
 
 

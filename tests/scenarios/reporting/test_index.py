@@ -1,5 +1,7 @@
+import json
 import re
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -26,6 +28,18 @@ def test_runs_are_in_order_of_time_with_their_commits(tmp_path):
     for r in runs:
         assert f"{100 * r.summary['success_rate']:.1f} %" in page
     assert not re.search(r"(src|href)=\"http", page)
+
+
+def test_each_scenario_has_its_own_line_and_first_attempts_none(tmp_path: Path) -> None:
+    changes = {"a": [], "b": [], "c": ["count=6"], "d": ["stop.attempt_limit=1"]}
+    for day, (name, change) in enumerate(changes.items(), start=1):
+        write_campaign(tmp_path / name, load_scenario("bracket", change), range(2), started=f"2026-02-0{day}T00:00:00")
+    out = tmp_path / "index.html"
+    assert main(["index", str(tmp_path), "--out", str(out)]) == 0
+    page = out.read_text(encoding="utf-8").replace(library(), "")
+    figure = json.loads(re.search(r"const f = (.*?); Plotly", page).group(1))
+    assert [trace["x"] for trace in figure["data"]] == [[0, 1], [2]]
+    assert page.count("first attempts</span>") == 1
 
 
 def test_a_folder_without_runs_is_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""Proposals for cups and magnets, against the limits of `cell.grippers.holding_force` and the geometry of plain
+"""Proposals for cups and magnets, against the limits of `cell.grippers.one_sided_hold` and the geometry of plain
 solids."""
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.one_sided import OneSidedGripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.grippers.vacuum import VacuumGripper
@@ -19,7 +19,7 @@ from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import expand
 from pickproof.grasping.sample import SPACING, propose
 from pickproof.grasping.sample_freeform import freeform_proposals
-from pickproof.grasping.sample_pads import LIFTED, PRESS, PRESS_ALONE, worst_use
+from pickproof.grasping.sample_one_sided import LIFTED, PRESS, PRESS_ALONE, worst_use
 from tests.cell.workpiece.part_shapes import gear, mesh_of
 from tests.cell.workpiece.solids import block, drilled, rod
 
@@ -29,7 +29,7 @@ PLATE = block((0.06, 0.05, 0.012), 0.15)
 
 @pytest.mark.slow
 def test_every_proposal_seals_by_the_rule_of_the_physics_and_carries_the_load() -> None:
-    assert isinstance(CUP, PadGripper)
+    assert isinstance(CUP, OneSidedGripper)
     points = propose(PLATE, CUP, 8, np.random.default_rng(0))
     assert len(points) >= 2
     assert np.linalg.norm(np.asarray(points[0].centre)[:2]) < 0.003  # over the centre of mass
@@ -60,7 +60,7 @@ def test_the_use_is_that_of_the_cups_limits() -> None:
 
 @pytest.mark.slow
 def test_nothing_is_proposed_where_no_lip_seals_or_nothing_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pickproof.grasping.sample_pads.SPOTS", 300)
+    monkeypatch.setattr("pickproof.grasping.sample_one_sided.SPOTS", 300)
     rng = np.random.default_rng
     holed = propose(drilled((0.10, 0.08, 0.01), 0.1, 0.008, 0.2), CUP, 4, rng(0))  # one hole in the middle
     assert holed and min(np.linalg.norm(p.centre[:2]) for p in holed) > 0.010 + 0.004 - 0.002  # it would leak
@@ -106,7 +106,7 @@ def test_teeth_are_gripped_from_straight_above(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.slow
 def test_ten_cups_find_the_one_place_between_the_slots_of_a_rail(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 1,500 places drawn at random none keeps all ten cups off the slots; over the centre of mass there is one."""
-    monkeypatch.setattr("pickproof.grasping.sample_pads.SPOTS", 100)
+    monkeypatch.setattr("pickproof.grasping.sample_one_sided.SPOTS", 100)
     rail, cups = load_workpiece("ps6d_23"), load_gripper("cup_rail")
     assert isinstance(cups, VacuumGripper)
     points = propose(rail, cups, 4, np.random.default_rng(0))

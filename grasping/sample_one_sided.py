@@ -1,7 +1,7 @@
 """Proposals from the CAD for cups and magnets: where their faces hold by the same rule as in the physics.
 
 A face is laid on the surface along its normal, levelled to what its rim meets, and asked what it holds there
-(`PadGripper.take`). What counts then is how much of its limits the weight takes, lifted straight up with an
+(`OneSidedGripper.take`). What counts then is how much of its limits the weight takes, lifted straight up with an
 acceleration: a place over the centre of mass bends the lip least.
 """
 
@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from pickproof.cell.frames import Array, about_axis, make_transform
-from pickproof.cell.grippers.holding_force import share
-from pickproof.cell.grippers.one_sided import PadGripper, ring
+from pickproof.cell.grippers.one_sided import OneSidedGripper, ring
+from pickproof.cell.grippers.one_sided_hold import share
 from pickproof.cell.grippers.vacuum import VacuumGripper
 from pickproof.cell.physics.contact_probe import probe_part
 from pickproof.cell.physics.world import GRAVITY
@@ -28,7 +28,9 @@ LIFTED = 12.0  # [m/s2] upwards and sideways under which a place must hold
 LEVELLED = 2  # times that the faces are turned to what the rim meets
 
 
-def pad_proposals(workpiece: Workpiece, gripper: PadGripper, rng: np.random.Generator) -> Iterator[GraspPoint]:
+def one_sided_proposals(
+    workpiece: Workpiece, gripper: OneSidedGripper, rng: np.random.Generator
+) -> Iterator[GraspPoint]:
     """Places for the faces of a cup or magnet gripper, those that take least of its limits first."""
     over, up = over_centre_of_mass(workpiece, np.pi * gripper.radius**2)
     points, normals = workpiece.sample_surface(SPOTS, seed=int(rng.integers(2**31)))
@@ -58,7 +60,7 @@ def over_centre_of_mass(workpiece: Workpiece, area: float) -> tuple[Array, Array
     return workpiece.com + heights[:, None] * normals, normals
 
 
-def worst_use(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> float:
+def worst_use(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array) -> float:
     """Largest share of any limit of any face that the workpiece takes when lifted along tool -z; infinite if not held.
 
     Load at the centre of mass: weight and LIFTED along the tool axis, LIFTED across it in the worst of eight ways,
@@ -84,7 +86,7 @@ def _laid(point: Array, normal: Array) -> Array:
     return make_transform(np.stack([x, np.cross(-normal, x), -normal], axis=1), point)
 
 
-def _level(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> Array:
+def _level(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array) -> Array:
     """The pose turned so that its faces lie in the plane that their rims meet, and moved until they touch."""
     xy = np.concatenate([ring(gripper.radius, 12) + centre for centre in gripper.centres])
     for _ in range(LEVELLED):
@@ -99,13 +101,13 @@ def _level(workpiece: Workpiece, gripper: PadGripper, T_part_tool: Array) -> Arr
     return T_part_tool @ make_transform(t=(0.0, 0.0, float(gap.min()) if np.isfinite(gap.min()) else 0.0))
 
 
-def pressed_by(gripper: PadGripper) -> tuple[float, ...]:
+def pressed_by(gripper: OneSidedGripper) -> tuple[float, ...]:
     """How far past the surface the faces go [m], most wanted first; there is not always room beneath the surface."""
     alone = isinstance(gripper, VacuumGripper) and gripper.sprung_alone
     return (PRESS_ALONE * gripper.stroke, PRESS) if alone else (PRESS,)
 
 
-def _point(T_part_tool: Array, gripper: PadGripper) -> GraspPoint:
+def _point(T_part_tool: Array, gripper: OneSidedGripper) -> GraspPoint:
     plain = [[round(float(x), 6) + 0.0 for x in v] for v in T_part_tool[:3, [3, 2, 0]].T]
     single = len(gripper.centres) == 1
     return GraspPoint.model_validate(

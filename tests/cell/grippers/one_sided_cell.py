@@ -8,7 +8,7 @@ import numpy as np
 
 from pickproof.cell.frames import Array, apply, invert, make_transform
 from pickproof.cell.geometry.bin import Box
-from pickproof.cell.grippers.one_sided import PadGripper
+from pickproof.cell.grippers.one_sided import OneSidedGripper
 from pickproof.cell.physics.arm import Arm
 from pickproof.cell.physics.grip import Grip, grip, held
 from pickproof.cell.physics.world import GRAVITY, World
@@ -22,7 +22,7 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass
-class PadCell:
+class OneSidedCell:
     """The arm stands still with a workpiece under it; `gap` [m] was between the faces and its top when it was taken."""
 
     world: World
@@ -33,12 +33,12 @@ class PadCell:
 
     @staticmethod
     def build(
-        gripper: PadGripper,
+        gripper: OneSidedGripper,
         workpiece: Workpiece,
         offset: tuple[float, float] = (0.0, 0.0),
         gap: float = 0.0002,
         tilt: float = 0.0,
-    ) -> PadCell:
+    ) -> OneSidedCell:
         """Take a workpiece whose top lies `gap` [m] under the faces, its centre `offset` from theirs; drop the stand.
 
         `tilt` [rad] of the workpiece about world y; the lip's lower side is then `gap` over it.
@@ -65,7 +65,7 @@ class PadCell:
             world.remove_box("stand")
         world.client.setGravity(0, 0, -GRAVITY)
         world.run(0.05)
-        return PadCell(world, arm, workpiece, taken, gap)
+        return OneSidedCell(world, arm, workpiece, taken, gap)
 
     @property
     def held(self) -> bool:

@@ -21,7 +21,7 @@ ALL_STRAIGHT = 0.999
 """Share of the surface that must be."""
 SLACK = (0.1, 0.2, 0.4)
 """[mm] that pieces may stand out of a figure, the smallest that needs no more than the allowed pieces."""
-BORE = 5.0
+BORE = 12.0
 """[mm] of a hole's diameter below which it is filled: no finger gets in."""
 LEVEL, FINE = 0.01, 0.02
 """[mm] between layers that count as one, and of detail that is left out."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from pickproof.cell.html_page import page_template, png_uri
+from pickproof.cell.physics.step_cost import PILE
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
+from pickproof.cell.workpiece.decompose import Pieces
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.scenarios.onboarding.part import Held, Part, is_infinite, matrix_rows, scenario_text
 from pickproof.scenarios.reporting.part_pictures import axes_picture, grasps_picture, pieces_picture, resting_picture
@@ -22,6 +25,7 @@ def page(
     reasons: Mapping[str, str],
     source: str,
     seconds: float,
+    cost: float,
 ) -> str:
     """One self-contained HTML page."""
 
@@ -46,15 +50,17 @@ def page(
         scenario=scenario_text(dict(fields)) if fields else "",
         source=source,
         seconds=seconds,
+        cost=cost_text(part.pieces, cost),
     )
 
 
-def record(part: Part, workpiece: Workpiece, held: Held, source: str, unit: str) -> dict[str, Any]:
+def record(part: Part, workpiece: Workpiece, held: Held, source: str, unit: str, cost: float) -> dict[str, Any]:
     """What machines read: where the part's frame is in the user's CAD, and every residual."""
     return {
         "source": source,
         "unit": unit,
         "notes": list(part.notes),
+        "repair": {"volume_share": part.volume_change, "moved_mm": 1000 * part.moved},
         "T_part_cad": matrix_rows(part.found.T_part_cad),
         "mass": workpiece.mass,
         "com": np.round(workpiece.com, 9).tolist(),
@@ -79,13 +85,26 @@ def record(part: Part, workpiece: Workpiece, held: Held, source: str, unit: str)
             "how": part.pieces.how,
             "outside_mm": 1000 * part.pieces.outside,
             "beyond_mm": 1000 * part.pieces.beyond,
+            "felt_mm": 1000 * part.pieces.felt,
+            "bound_mm": 1000 * part.pieces.bound,
+            "count": len(part.pieces.pieces),
+            "step_ms": 1000 * cost,
         },
         "resting": [
             {"probability": pose.probability, "T_plane_part": matrix_rows(pose.T_plane_part)} for pose in part.resting
         ],
         "gripper": held.gripper.name if held.gripper else None,
+        "physics": asdict(held.convergence) if held.convergence else None,
         "grasps": len(held.points),
     }
+
+
+def cost_text(pieces: Pieces, cost: float) -> str:
+    """What the collision pieces cost, in words."""
+    return (
+        f"{len(pieces.pieces)} collision pieces; a physics step of {PILE} parts in a pile takes {1000 * cost:.2f} ms "
+        "of this machine"
+    )
 
 
 def symmetry_lines(found: FoundSymmetry) -> list[str]:

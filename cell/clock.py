@@ -1,6 +1,6 @@
-"""A clock of the work alone: it stands still while numba compiles a loop or fetches it from its cache.
+"""A clock that does not count the time in which numba compiles a loop or loads it from its cache.
 
-The first attempt of a process would otherwise take up to 30 s after an installation, and a fraction of one every time.
+Otherwise the first attempt after an installation takes up to 30 s longer, and that of every process a fraction of 1 s.
 """
 
 from __future__ import annotations
@@ -36,5 +36,5 @@ event.register("numba:compiler_lock", _compiling)
 
 
 def working_time() -> float:
-    """Seconds by the clock since some moment, but for those in which this process compiled."""
+    """Seconds since a fixed moment, without the time in which this process compiled."""
     return time.perf_counter() - _compiling.seconds

@@ -28,7 +28,7 @@ M = TypeVar("M", bound=Config)
 
 
 def metres(most: float) -> AfterValidator:
-    """For `Annotated`: a length in [m] of at most `most` in magnitude; what lies beyond is likely in mm."""
+    """For `Annotated`: a length in [m] of at most `most` in magnitude; a larger value is probably given in mm."""
 
     def check(value: float) -> float:
         if abs(value) > most:
@@ -80,7 +80,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def yaml_value(text: str) -> Any:
-    """What a text of YAML 1.2 means: 3e-4 is a number, 10:30 is not, and a field stands once.
+    """Parse a YAML 1.2 text: 3e-4 is a number, 10:30 is not, and a repeated field is an error.
 
     Raises:
         YAMLError: not YAML.
@@ -94,10 +94,10 @@ def yaml_value(text: str) -> Any:
 
 
 class _Representer(SafeRepresenter):
-    """Numbers as 1.0e-05: readers of YAML 1.1, as other programs are, take 1e-05 for a string."""
+    """Writes numbers as 1.0e-05, because YAML 1.1 readers take 1e-05 for a string."""
 
     def represent_float(self, data: float) -> ScalarNode:
-        """As ruamel's, with a point."""
+        """Represent a float as ruamel does, always with a decimal point."""
         node: ScalarNode = super().represent_float(data)
         if "e" in node.value and "." not in node.value:
             node.value = node.value.replace("e", ".0e")
@@ -108,7 +108,7 @@ _Representer.add_representer(float, _Representer.represent_float)
 
 
 def yaml_text(data: Any) -> str:
-    """Plain data as YAML, fields in their order; a list or mapping without others inside stands on one line."""
+    """Plain data as YAML text, fields in their order; a list or mapping that is not nested takes one line."""
     writer = YAML(typ="safe", pure=True)
     writer.Representer = _Representer
     writer.default_flow_style = None
@@ -120,7 +120,7 @@ def yaml_text(data: Any) -> str:
 
 
 def parse_yaml(text: str, path: Path) -> dict[str, Any]:
-    """The YAML mapping that is the text of a file at `path`.
+    """Parse the text of the file at `path` as a YAML mapping.
 
     Raises:
         InputError: not YAML, or not a mapping.
@@ -130,8 +130,8 @@ def parse_yaml(text: str, path: Path) -> dict[str, Any]:
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         at = f"line {mark.line + 1}, column {mark.column + 1}" if mark is not None else str(error)
-        what = "a field that came before" if isinstance(error, DuplicateKeyError) else "a syntax error"
-        raise InputError(path, "", at, f"YAML ({what} stands there)") from None
+        valid = "each field once" if isinstance(error, DuplicateKeyError) else "valid YAML; correct the syntax there"
+        raise InputError(path, "", at, valid) from None
     except RecursionError:
         raise InputError(path, "", "lists or mappings nested too deeply", "YAML of some levels") from None
     if not isinstance(data, dict):

@@ -1,4 +1,4 @@
-"""The one error root of the project."""
+"""The error classes of the project."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class InputError(PickproofError):
     """A user's input is not valid.
 
     Attributes:
-        file: where the input stands (a path, or `command line`).
+        file: where the input comes from (a path, or `command line`).
         field: the dotted name of the offending field, or an empty string for the file as a whole.
-        value: what was found there.
-        valid: what would have been accepted.
+        value: the value found there.
+        valid: the values that are accepted.
     """
 
     def __init__(self, file: str | Path, field: str, value: object, valid: str) -> None:
@@ -30,7 +30,7 @@ class InputError(PickproofError):
 
 
 def did_you_mean(value: object, known: Iterable[str]) -> str:
-    """The known word that a wrong one is most like, as the end of a message; empty where none is like it."""
+    """A suggestion to append to a message: the known word closest to the wrong one; empty where none is close."""
     from difflib import get_close_matches
 
     near = get_close_matches(str(value), list(known), n=1)
@@ -38,4 +38,4 @@ def did_you_mean(value: object, known: Iterable[str]) -> str:
 
 
 class SimulationError(PickproofError):
-    """The physics produced a state that cannot be trusted (NaN, an object at infinity, a dead client)."""
+    """The physics produced an invalid state (NaN, an object at infinity, a client that no longer answers)."""

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages: one way to read templates, and pictures inside the page."""
+"""Self-contained HTML pages: templates and embedded pictures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 
 def page_template(package: str, name: str, **filters: Callable[..., str]) -> Template:
-    """Template `name` of a package's `templates` folder; values are escaped, and one that is missing is an error."""
+    """Template `name` of a package's `templates` folder; values are escaped, a missing value is an error."""
     environment = Environment(
         loader=PackageLoader(package, "templates"),
         autoescape=True,

@@ -1,4 +1,4 @@
-"""Public names of a package that are imported when they are asked for: `pickproof --help` must not wait for numpy."""
+"""Public names of a package, imported at first use: `pickproof --help` must not wait for numpy."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 """One numeric profile: the same seed gives the same picks on every processor with AVX2.
 
-Libraries choose their kernels by the processor that they find, and another kernel adds in another order. A heap of
-workpieces turns a last bit into another pick. So the kernels are fixed here, by variables that the libraries read when
-they are loaded; importing `pickproof` fixes them first. Child processes inherit the variables. What no variable fixes
-is computed by portable code (`cell/geometry/ray_hits.py`).
+Libraries choose their kernels by the processor, and each kernel adds in its own order. In a heap of workpieces a
+difference in the last bit grows to a different pick. This module fixes the kernels by environment variables that the
+libraries read when they are loaded; importing `pickproof` sets them first. Child processes inherit them. What no
+variable fixes is computed by portable code (`cell/geometry/ray_hits.py`).
 
-`PICKPROOF_NUMERICS=native` leaves the libraries their own choice. The profile is part of what a campaign records.
+With `PICKPROOF_NUMERICS=native` the libraries choose their kernels. A campaign records the profile.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 from pickproof.cell.errors import InputError
 
 SWITCH = "PICKPROOF_NUMERICS"
-"""Variable of the environment: `portable`, the default, or `native`."""
+"""Environment variable: `portable` (default) or `native`."""
 PORTABLE, NATIVE = "portable-1", "native"
 """Names of the profiles as they are recorded; the number rises when the same seed gives other results."""
 
@@ -29,7 +29,7 @@ _KERNELS = {
     "OPENBLAS_NUM_THREADS": "1",  # sums over threads depend on their number
     # numpy at its x86-64-v2 baseline: argsort with AVX-512 and with AVX2 order equal elements differently
     "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
-    # MKL, in torch: the only mode that Intel promises on processors of other makers. Not even it fixes the square
+    # MKL, in torch: the only mode that Intel documents for processors of other makers. Not even it fixes the square
     # root of a vector (torch.sqrt), which uses the processor's own estimate of 1 / sqrt: nothing here calls it
     "MKL_CBWR": "COMPATIBLE",
     "ATEN_CPU_CAPABILITY": "avx2",  # torch's own loops
@@ -55,9 +55,9 @@ def use_portable_kernels() -> None:
 
 @contextmanager
 def fast_training() -> Iterator[None]:
-    """Let MKL choose: training needs speed, and its result is a file. Processes started later have the profile.
+    """Let MKL choose its kernels, for training speed. Processes started later keep the numeric profile.
 
-    MKL reads its variable at its first product, so this process keeps what it has by then.
+    MKL reads its variable at its first matrix product; later changes have no effect on this process.
     """
     before = os.environ.pop("MKL_CBWR", None)
     try:
@@ -73,22 +73,22 @@ def profile() -> str:
 
 
 def has_profile(name: str) -> bool:
-    """Whether this process itself computes by the profile of that name."""
+    """Whether this process computes by the profile `name`."""
     return name == profile() and not (name == PORTABLE and (_late or _differs()))
 
 
 def check_processor() -> None:
-    """Before a campaign.
+    """Check the processor before a campaign.
 
     Raises:
-        InputError: the processor cannot give the results of others, and nobody said that this is not wanted.
+        InputError: the processor cannot reproduce results of other machines, and the `native` profile is not set.
     """
     wanted = os.environ.get(SWITCH, "portable")
     if wanted not in ("portable", "native"):
         raise InputError("environment", SWITCH, wanted, "portable or native")
     missing = missing_instructions()
     if wanted == "portable" and missing:
-        valid = f"x86-64 with AVX2 and FMA, as results on other machines have; {SWITCH}=native runs with other results"
+        valid = f"x86-64 with AVX2 and FMA; set {SWITCH}=native to run with results that differ from other machines"
         raise InputError("this machine", "processor", f"no {', '.join(missing)}", valid)
 
 
@@ -107,13 +107,13 @@ def _differs() -> bool:
 
 
 def _kernels() -> dict[str, str]:
-    # OpenCV complains on standard error about a feature that is not there
+    # OpenCV writes a warning if a feature is disabled that the processor lacks
     return _KERNELS | ({"OPENCV_CPU_DISABLE": "AVX512-SKX"} if "avx512f" in _processor_flags() else {})
 
 
 @cache
 def _processor_flags() -> frozenset[str]:
-    """Of the first processor, as Linux lists them; none elsewhere."""
+    """Feature flags of the first processor, from /proc/cpuinfo; empty on other systems."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace").splitlines()
     except OSError:

@@ -25,19 +25,19 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--name", default="bar")
     parser.add_argument("--episodes", type=int, default=2)
     parser.add_argument("--count", type=int, default=6, help="workpieces a bin")
-    parser.add_argument("--folder", type=Path, default=Path("out/parts"), help="of own workpieces")
+    parser.add_argument("--folder", type=Path, default=Path("out/parts"), help="folder of own workpieces")
     args = parser.parse_args(words)
 
     args.folder.mkdir(parents=True, exist_ok=True)
     mesh, replacing = args.mesh, []
     if mesh is None:
-        mesh, replacing = args.folder / "bar.stl", ["--replace"]  # of an earlier run
+        mesh, replacing = args.folder / "bar.stl", ["--replace"]  # remove the results of an earlier run
         trimesh.creation.box((50, 24, 14)).export(mesh)
     # mesh check, symmetry, collision pieces, grasps tried in the physics, a cell; onboard.html shows all of it
     onboard = ["onboard", str(mesh), "--unit", args.unit, "--name", args.name, "--workpieces", str(args.folder)]
     if code := pickproof([*onboard, "--yes", *replacing]):
         return code
-    os.environ["PICKPROOF_WORKPIECES"] = str(args.folder)  # where scenarios and workpieces are looked for first
+    os.environ["PICKPROOF_WORKPIECES"] = str(args.folder)  # scenarios and workpieces are searched here first
     scenario = load_scenario(args.name, [f"count={args.count}"])
     # there are no weights yet (`pickproof train` makes them), so poses come from ground truth
     campaign = Campaign.run(scenario, episodes=args.episodes, oracle=["perception"], out=args.folder / "campaign")

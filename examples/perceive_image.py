@@ -1,4 +1,4 @@
-"""Poses of workpieces in a depth image: of a file, or of a simulated heap where none is given.
+"""Poses of workpieces in a depth image from a file, or in a simulated heap if no file is given.
 
 python examples/perceive_image.py
 python examples/perceive_image.py --image depth.png   # with depth.json beside it, as DepthFrame.save writes both

@@ -1,9 +1,9 @@
-"""Judge a pull request: fails where the pick rate is shown to be worse than the committed baseline.
+"""Judge a pull request: the test fails if the pick rate is significantly worse than the committed baseline.
 
 pytest examples/test_pick_rate.py
 
-The first run measures the baseline, writes it beside this file and fails; commit the file. From then on a change of the
-program, of the scenario or of the grasp points is compared over the same bins. docs/explanation/statistics.md says how.
+The first run measures the baseline, writes it beside this file and fails; commit that file. Later runs compare a change
+of the code, the scenario or the grasp points over the same bins; see docs/explanation/statistics.md.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 OVERRIDES = ("count=6",)
-"""Changes of the scenario, as after --set: few workpieces, so that a bin takes seconds."""
+"""Changes of the scenario, as with --set: few workpieces, so that a bin takes seconds."""
 
 
 @pytest.mark.grasp_rate(episodes=40)
 def test_bracket(grasp_rate: Any, grasp_rate_baseline: Any) -> None:
-    """First attempts with perfect poses."""
+    """Judge first attempts, with poses from ground truth."""
     assert grasp_rate("bracket", *OVERRIDES, oracle=["perception"]) >= grasp_rate_baseline

@@ -1,4 +1,4 @@
-"""Choose the value of a field on some bins, and check the choice on bins that were not looked at.
+"""Choose the value of a field on some bins, and check the choice on unseen bins.
 
 python examples/tune_field.py --field grasping.weight_height --values 0 0.5 1
 """

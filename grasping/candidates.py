@@ -1,4 +1,4 @@
-"""Estimates times grasp poses, each ruled out with its first reason or ranked.
+"""All pairs of estimate and grasp pose: each is ranked, or ruled out with its first reason.
 
 Takes the estimated poses of a frame, the grasp poses of the workpiece and the measured heap; gives a `Selection`. The
 checks of one estimate and the terms of the rank are in `grasping.estimate_checks`, the weights in `grasping.ranking`.
@@ -24,18 +24,18 @@ from pickproof.grasping.ranking import GraspingConfig
 from pickproof.grasping.verdict import Verdict
 
 ESTIMATES_ENOUGH = 12
-"""Once this many workpieces can be gripped, the less wanted ones are not looked at."""
-LEAST_SPAN = 0.01  # [m] between lowest and highest estimate that counts as a height of 1, at least
+"""Number of workpieces with candidates after which estimates of lower preference are not checked."""
+LEAST_SPAN = 0.01  # [m] smallest height range between the lowest and the highest estimate
 
 
 @dataclass(frozen=True, eq=False)
 class PartEstimates:
-    """What perception found in a frame.
+    """The estimates of perception in one frame.
 
     Attributes:
         Ts_world_part: (k, 4, 4) estimated poses; scores: (k,) in [0, 1].
-        avoided: (k,) bool: leave this estimate alone (a grasp on it failed lately); None for none of them.
-        errors: (k,) expected error of each pose in [m], held against the tolerance of each grasp point; None for none.
+        avoided: (k,) bool: skip this estimate (a grasp on it failed recently); None for none of them.
+        errors: (k,) expected error of each pose in [m], compared with the tolerance of each grasp point; None for none.
     """
 
     Ts_world_part: Array
@@ -57,7 +57,7 @@ class PartEstimates:
 
 @dataclass(frozen=True, eq=False)
 class PickScene:
-    """What the gripper works on: workpieces of one kind in a bin.
+    """The scene of the gripper: workpieces of one kind in a bin.
 
     Attributes:
         scene_points: (m, 3) measured points in the world, the bin's own excluded.
@@ -71,13 +71,13 @@ class PickScene:
 
 @dataclass(frozen=True)
 class GraspCandidate:
-    """One way to take one workpiece.
+    """One grasp of one estimated workpiece.
 
     Attributes:
         estimate: index of the estimate.
         point: the grasp point.
         T_world_tool: (4, 4) TCP at the grasp; T_part_tool: the same in the CAD frame.
-        opening: of the jaws on the way in, in [m].
+        opening: of the jaws during the approach, in [m].
         rank: weighted sum of `terms`, larger is better.
         terms: name -> value in [0, 1], see `grasping.ranking`.
     """
@@ -93,7 +93,7 @@ class GraspCandidate:
 
 @dataclass(frozen=True)
 class Selection:
-    """Candidates, best first, and for every estimate how many poses of which grasp were ruled out by what.
+    """Candidates, best first, and for every estimate the number of poses of each grasp ruled out by each reason.
 
     Attributes:
         ruled_out: estimate -> grasp name -> verdict -> count.
@@ -106,7 +106,7 @@ class Selection:
 
 
 def select(estimates: PartEstimates, poses: GraspPoses, scene: PickScene, weights: GraspingConfig) -> Selection:
-    """Candidates of all estimates, checked for room and ranked; the most wanted estimates are looked at first."""
+    """Candidates of all estimates, checked for clearance and ranked; preferred estimates are checked first."""
     points = thin(scene.scene_points)
     checks = EstimateChecks.of(poses, scene.workpiece, scene.gripper, scene.bin, points, weights)
     hooked = _hooked(estimates, scene.workpiece, weights)
@@ -136,7 +136,7 @@ def _most_wanted_first(estimates: PartEstimates, weights: GraspingConfig) -> lis
 
 
 def _left_alone(estimates: PartEstimates, k: int, weights: GraspingConfig) -> Verdict | None:
-    """Why nothing of estimate k is looked at; None where it is."""
+    """The reason why estimate k is not checked at all; None where it is checked."""
     if estimates.scores[k] < weights.min_score:
         return Verdict.SCORE
     if estimates.avoided is not None and estimates.avoided[k]:
@@ -145,7 +145,7 @@ def _left_alone(estimates: PartEstimates, k: int, weights: GraspingConfig) -> Ve
 
 
 def _hooked(estimates: PartEstimates, workpiece: Workpiece, weights: GraspingConfig) -> np.ndarray:
-    """(k,) bool: more of the estimate than allowed lies under another believed one."""
+    """(k,) bool: more of the estimate than allowed lies under another estimate with a sufficient score."""
     if weights.max_overlap_mm2 is None:
         return np.zeros(len(estimates.Ts_world_part), dtype=bool)
     under = overlaps(workpiece, estimates.Ts_world_part, np.asarray(estimates.scores) >= LIES)
@@ -175,7 +175,7 @@ def _candidates(k: int, checked: Checked, poses: GraspPoses, weights: GraspingCo
 
 
 def _counted(verdicts: np.ndarray, poses: GraspPoses) -> dict[str, dict[str, int]]:
-    """Grasp name -> verdict -> how many poses it ruled out, those never expanded included."""
+    """Grasp name -> verdict -> number of poses ruled out, including poses that were not expanded."""
     counts = {name: Counter({str(Verdict.DISABLED): n}) for name, n in poses.disabled.items()}
     for name, n in poses.no_place.items():
         counts.setdefault(name, Counter())[str(Verdict.NO_PLACE)] += n

@@ -1,4 +1,4 @@
-"""Room for the open gripper: against the bin exactly, against the rest of the heap by the scene cloud."""
+"""Clearance of the open gripper: exact against the bin, by the scene cloud against the rest of the heap."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from pickproof.cell.geometry.bin import Bin, Box
 from pickproof.cell.point import moved
 from pickproof.cell.workpiece.workpiece import Workpiece
 
-WALL_MARGIN = 0.0008  # [m] kept from walls and floor
-POINT_MARGIN = 0.0005  # [m] kept from the cloud
+WALL_MARGIN = 0.0008  # [m] clearance margin to walls and floor
+POINT_MARGIN = 0.0005  # [m] clearance margin to the cloud
 VOXEL = 0.0025  # [m] spacing to which the cloud is thinned
-OVER = 0.003  # [m] that a point must be over the surface to lie on it
+OVER = 0.003  # [m] smallest height of a point over the surface that counts as lying on it
 COVER_SAMPLES = 200
-OWN = 0.003  # [m] cloud points this close to the estimated workpiece are its own
+OWN = 0.003  # [m] cloud points this close to the estimated workpiece belong to it
 
 CORNERS = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0], indexing="ij"), -1).reshape(-1, 3)
-"""Of the box from -1 to 1, (8, 3)."""
+"""Corners (8, 3) of the box from -1 to 1."""
 EDGES = np.argwhere(np.triu(np.abs(CORNERS[:, None] - CORNERS[None]).sum(-1) == 2))
-"""Pairs (12, 2) of corners that an edge joins."""
+"""Pairs (12, 2) of corners that are joined by an edge."""
 
 
 def thin(points: Array, voxel: float = VOXEL) -> Array:
@@ -53,10 +53,10 @@ def without_workpiece(points: Array, T_world_part: Array, workpiece: Workpiece, 
 
 
 def covered_share(workpiece: Workpiece, T_world_part: Array, others: Array, cell: float = 0.004) -> float:
-    """Share in [0, 1] of the workpiece's surface over which something else was measured: what lies on it comes along.
+    """Share in [0, 1] of the workpiece's surface that is covered by other measured points: these would be lifted too.
 
     Args:
-        others: (n, 3) measured points in the world near the workpiece, its own excluded.
+        others: (n, 3) measured points in the world near the workpiece, without those of the workpiece.
         cell: [m] of the grid in which heights are compared.
     """
     if len(others) == 0:
@@ -107,7 +107,7 @@ class OpenGripper:
         return int(_inside(invert(T_world_tool), np.ascontiguousarray(points), self.centres, self.halves))
 
     def hits_bin(self, Ts_world_tool: Array, bin: Bin) -> np.ndarray:
-        """(n,) bool: some of the gripper is in a wall, under the floor, or outside the walls below the rim."""
+        """(n,) bool: a part of the gripper is in a wall, under the floor, or outside the walls below the rim."""
         lx, ly, lz = bin.inner
         p = apply(invert(bin.T_world_bin) @ Ts_world_tool, self.corners)
         hit = np.asarray((p[..., 2] < WALL_MARGIN).any(axis=1))
@@ -121,9 +121,9 @@ class OpenGripper:
 
 
 def _both_positive(a: Array, b: Array, edges: np.ndarray) -> np.ndarray:
-    """(n,) bool: somewhere on an edge both functions are above 0; they are linear, with values (n, k) at the corners.
+    """(n,) bool: two linear functions with values (n, k) at the corners are both above 0 at some point of an edge.
 
-    Either at a corner, or where the edge crosses a = 0 with b above 0 (then a is above 0 just beside).
+    That point is a corner, or near a crossing of a = 0 with b above 0 (a is above 0 next to it).
     """
     start, end = edges.T
     a0, a1, b0, b1 = a[:, start], a[:, end], b[:, start], b[:, end]

@@ -1,7 +1,7 @@
-"""The grasp poses of one estimate, each with the first reason that rules it out, or with the terms of its rank.
+"""Checks of the grasp poses of one estimate: each gets the first reason that rules it out, or its rank terms.
 
-The checks run in the order of `grasping.verdict`: what lies on the workpiece, the tolerance of the grasp point, the
-tilt of the approach, room in the bin, room in the heap.
+The checks run in the order of `grasping.verdict`: cover of the workpiece, tolerance of the grasp point, tilt of the
+approach, clearance in the bin, clearance in the heap.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from pickproof.grasping.grasp_points import GraspPoses
 from pickproof.grasping.ranking import GraspingConfig, robustness
 from pickproof.grasping.verdict import VERDICTS, Verdict
 
-NEAR = 0.06  # [m] from a workpiece within which the heap can be in the gripper's way
-ROOMY = 0.006  # [m] between the gripper and its neighbours beyond which more is no better
-INTRUDERS = 4  # thinned points between the fingers that are as good as another workpiece there
+NEAR = 0.06  # [m] distance from a workpiece within which the heap can collide with the gripper
+ROOMY = 0.006  # [m] clearance to neighbours from which the term is 1
+INTRUDERS = 4  # thinned points between the fingers that count as another workpiece
 CHUNK = 24  # poses that are checked against the heap at a time
 COVER_COUNTS = 8.0
-"""A workpiece of which an eighth lies under others is as bad as one that is buried: it takes them along or jams."""
+"""Factor on the covered share: at a share of 1/8 the term is 0, since such a workpiece lifts others or jams."""
 PER_ESTIMATE = 24
-"""Candidates kept of one estimate: the next best of the same workpiece rarely helps where these failed."""
+"""Candidates kept per estimate: further ones of the same workpiece rarely succeed where these fail."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,9 @@ class Estimate:
 
     Attributes:
         T_world_part: (4, 4); score: in [0, 1].
-        height: in [0, 1], of the lowest and highest estimate.
+        height: in [0, 1] from the lowest to the highest estimate.
         error: expected error of the pose in [m].
-        hooked: too much of it lies under another believed workpiece.
+        hooked: too much of it lies under another estimate with a sufficient score.
     """
 
     T_world_part: Array
@@ -66,12 +66,12 @@ class Checked:
 
 @dataclass(frozen=True, eq=False)
 class EstimateChecks:
-    """What every estimate of a frame is checked against; made once a frame by `of`.
+    """The data against which every estimate of a frame is checked; built once per frame by `of`.
 
     Attributes:
         poses: n grasp poses in the CAD frame. workpiece, bin, weights: as given to `select`.
         scene: (m, 3) thinned points in the world.
-        grippers: opening [m] -> the open gripper; swept: opening -> what its jaws sweep when they close, empty for
+        grippers: opening [m] -> the open gripper; swept: opening -> volume swept by its closing jaws, empty for
             grippers without jaws.
         tolerances: (n,) [m] error of the estimate that each pose tolerates.
     """
@@ -97,11 +97,11 @@ class EstimateChecks:
         return EstimateChecks(poses, workpiece, bin, weights, scene, grippers, swept, tolerances)
 
     def all_ruled_out(self, verdict: Verdict) -> Checked:
-        """All poses of an estimate ruled out by one reason."""
+        """Checks in which one reason rules out all poses of an estimate."""
         return Checked(np.full(len(self.poses.index), verdict, dtype=VERDICTS), [], np.zeros((0, 4, 4)), [])
 
     def check(self, estimate: Estimate) -> Checked:
-        """The poses of one estimate checked for cover, tolerance, tilt and room."""
+        """Check the poses of one estimate for cover, tolerance, tilt and clearance."""
         others = self._others(estimate.T_world_part)
         covered = covered_share(self.workpiece, estimate.T_world_part, others)
         uncovered = max(1.0 - COVER_COUNTS * covered, 0.0)
@@ -115,13 +115,13 @@ class EstimateChecks:
         return Checked(verdicts, kept, Ts_world_tool[kept], own)
 
     def _others(self, T_world_part: Array) -> Array:
-        """Points (m, 3) of the heap near a workpiece, its own excluded."""
+        """Points (m, 3) of the heap near a workpiece, without those of the workpiece."""
         reach = NEAR + float(np.linalg.norm(self.workpiece.extents)) / 2
         near = np.linalg.norm(self.scene - T_world_part[:3, 3], axis=1) < reach
         return without_workpiece(self.scene[near], T_world_part, self.workpiece)
 
     def _terms(self, estimate: Estimate, Ts_world_tool: Array, uncovered: float) -> dict[str, Array]:
-        """Terms (n,) of the rank that are known before the gripper is held against the heap."""
+        """Terms (n,) of the rank that do not depend on the gripper's clearance in the heap."""
         along, limit = tilts(Ts_world_tool, self.poses)
         n = len(self.poses.index)
         return {
@@ -134,7 +134,7 @@ class EstimateChecks:
         }
 
     def _terms_of(self, i: int, terms: dict[str, Array], T_world_tool: Array, others: Array) -> dict[str, float]:
-        """All terms of pose i, with those that need a look at the heap: `clearance` and `alone`."""
+        """All terms of pose i, including those computed from the heap: `clearance` and `alone`."""
         opening = float(self.poses.openings[i])
         own = {name: float(value[i]) for name, value in terms.items()}
         own["clearance"] = self.grippers[opening].room(T_world_tool, others, ROOMY) / ROOMY
@@ -146,7 +146,7 @@ class EstimateChecks:
     def _with_room(
         self, Ts_world_tool: Array, rank: Array, loose: np.ndarray, others: Array
     ) -> tuple[np.ndarray, list[int]]:
-        """Verdicts (n,), and the best PER_ESTIMATE poses with an upright approach and room, best first.
+        """Verdicts (n,), and the best PER_ESTIMATE poses with an allowed approach and enough clearance, best first.
 
         `loose` (n,) marks poses whose grasp point does not tolerate the error of the estimate.
         """
@@ -177,7 +177,7 @@ class EstimateChecks:
 
 
 def tilts(Ts_world_tool: Array, poses: GraspPoses) -> tuple[Array, Array]:
-    """Cosine (n,) of the angle between each approach and the one preferred in the world, and the least allowed."""
+    """Cosine (n,) of the angle between each approach and the preferred one in the world, and its lower limit."""
     wanted = np.array([p.world_approach for p in poses.points])
     wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
     limit = np.cos(np.deg2rad([p.max_tilt_deg for p in poses.points]))
@@ -186,6 +186,6 @@ def tilts(Ts_world_tool: Array, poses: GraspPoses) -> tuple[Array, Array]:
 
 
 def _between(jaw: ParallelJaw, opening: float) -> Box:
-    """What the fingers sweep when they close from `opening` [m], in the tool frame."""
+    """The volume swept by the fingers when they close from `opening` [m], in the tool frame."""
     _, width, length = jaw.finger_size
     return Box("between", (opening, width, length), make_transform(t=(0.0, 0.0, -length / 2)))

@@ -20,8 +20,8 @@ from pickproof.cell.workpiece.workpiece import Workpiece
 
 Triple = tuple[float, float, float]
 OPENING_MARGIN = 0.0025  # [m] on each side of the workpiece before the jaws close
-MAX_TILT_DEG = 50.0  # of the approach from the one preferred in the world, unless the grasp point says otherwise
-SAME = 1e-6  # [m, and of rotation matrices] under which two poses are the same one
+MAX_TILT_DEG = 50.0  # [deg] default for the largest angle between the approach and the preferred one in the world
+SAME = 1e-6  # [m, and entries of rotation matrices] difference below which two poses are equal
 
 
 class Turn(Config):
@@ -29,7 +29,7 @@ class Turn(Config):
 
     from_deg: float = Field(0.0, ge=-180, le=180, description="smallest angle")
     to_deg: float = Field(0.0, ge=-180, le=180, description="largest angle")
-    step_deg: float = Field(15.0, gt=0, le=180, description="between the angles that are tried")
+    step_deg: float = Field(15.0, gt=0, le=180, description="step between sampled angles")
 
     @model_validator(mode="after")
     def _ordered(self) -> Turn:
@@ -44,10 +44,10 @@ class Turn(Config):
 
 
 class Slide(Config):
-    """Freedom to grip elsewhere along a direction of the CAD."""
+    """Freedom to shift the grasp along a direction of the CAD."""
 
     along: Triple = Field(description="direction in the CAD frame")
-    offsets: tuple[Offset, ...] = Field(min_length=1, description="[m], most wanted first")
+    offsets: tuple[Offset, ...] = Field(min_length=1, description="[m], preferred first")
 
     @model_validator(mode="after")
     def _somewhere(self) -> Slide:
@@ -64,37 +64,35 @@ class GraspPoint(Config):
     """
 
     name: str = Field(min_length=1, description="unique in the file; records and reports show it")
-    gripper: str | None = Field(None, min_length=1, description="that it is made for; that of the table when left out")
+    gripper: str | None = Field(None, min_length=1, description="its gripper; that of the table when left out")
     centre: OffsetPoint = Field(description="[m] point between the pads")
-    approach: Triple = Field(description="direction in which the tool comes: tool z")
+    approach: Triple = Field(description="direction of approach: tool z")
     closing: Triple = Field(description="direction in which the jaws close, tool x; at right angles to `approach`")
-    width: Small = Field(description="[m] of the workpiece between the pads")
-    opening: Small | None = Field(None, description="[m] of the jaws on the way in; width + 5 mm when left out")
-    stroke: Small | None = Field(None, description="[m] the jaws close by, in place of `opening`")
+    width: Small = Field(description="[m] width of the workpiece between the pads")
+    opening: Small | None = Field(None, description="[m] during the approach; width + 5 mm when left out")
+    stroke: Small | None = Field(None, description="[m] travel of the jaws when they close; excludes `opening`")
     depths: tuple[Offset, ...] = Field(
-        (0.004,), min_length=1, description="[m] tips past the centre, most wanted first"
+        (0.004,), min_length=1, description="[m] of the tips past the centre, preferred first"
     )
     approach_distance: Small = Field(0.06, description="[m] straight line before the grasp")
     retract_distance: Small = Field(0.10, description="[m] straight line up after it")
     priority: float = Field(1.0, ge=0, le=1, description="a term of the rank")
-    tolerance: Fine = Field(0.003, gt=0, description="[m] error of the pose under which the grasp still holds")
+    tolerance: Fine = Field(0.003, gt=0, description="[m] largest pose error at which the grasp still holds")
     robustness: float = Field(
-        1.0, ge=0, le=1, description="share of disturbed poses at which it held, a term of the rank"
+        1.0, ge=0, le=1, description="share of disturbed poses at which the grasp held, a term of the rank"
     )
-    enabled: bool = Field(True, description="false keeps the entry and makes no poses of it")
-    symmetry: bool = Field(
-        True, description="the same grasp again on every side that the workpiece's symmetry makes equal"
-    )
+    enabled: bool = Field(True, description="false keeps the entry but does not use it")
+    symmetry: bool = Field(True, description="repeat the grasp at all symmetric places of the workpiece")
     world_approach: Triple = Field(
-        (0.0, 0.0, -1.0), description="approach preferred in the world, from which tilt counts"
+        (0.0, 0.0, -1.0), description="preferred approach in the world; tilt is measured from it"
     )
-    max_tilt_deg: float = Field(MAX_TILT_DEG, ge=0, le=180, description="of the approach from `world_approach`")
+    max_tilt_deg: float = Field(MAX_TILT_DEG, ge=0, le=180, description="of the approach against `world_approach`")
     flip: bool = Field(True, description="the tool may be turned by 180 degrees about the approach")
     tool_rotation: Turn = Field(Turn(), description="freedom of the tool about the closing direction")
-    approach_rotation: Turn = Field(Turn(), description="freedom of the tool about its approach, beside `flip`")
+    approach_rotation: Turn = Field(Turn(), description="freedom of the tool about its approach, in addition to `flip`")
     part_rotation: Turn = Field(Turn(), description="freedom of the part about part_axis, for round parts")
     part_axis: Triple = Field((0.0, 0.0, 1.0), description="axis of `part_rotation` through the CAD origin")
-    slide: Slide | None = Field(None, description="places along a direction where the grasp is as good")
+    slide: Slide | None = Field(None, description="positions along a direction where the grasp is equally good")
 
     @model_validator(mode="after")
     def _right_angle(self) -> GraspPoint:
@@ -114,7 +112,7 @@ class GraspPoint(Config):
 class GraspTable(Config):
     """Schema of grasps.yaml."""
 
-    gripper: str = Field(min_length=1, description="that the table is for; the same as that of the scenario")
+    gripper: str = Field(min_length=1, description="gripper of the table; must be that of the scenario")
     grasps: list[GraspPoint] = Field(min_length=1, description="the grasp points")
 
 
@@ -126,11 +124,11 @@ class GraspPoses:
         points: the grasp points.
         index: (n,) which grasp point each pose belongs to.
         Ts_part_tool: (n, 4, 4) of the TCP.
-        openings: (n,) of the jaws on the way in, in [m].
-        depth_rank: (n,) 0 for the most wanted depth.
-        offset: (n,) [m] slid away from the centre of the grasp point.
-        disabled: grasp point that is switched off -> poses that it would have.
-        no_place: grasp point -> poses left out, since held so the workpiece cannot be put down as wanted.
+        openings: (n,) of the jaws during the approach, in [m].
+        depth_rank: (n,) 0 for the preferred depth.
+        offset: (n,) [m] shift from the centre of the grasp point.
+        disabled: grasp point that is switched off -> number of poses it would have.
+        no_place: grasp point -> number of poses left out, because the workpiece cannot be placed as required from them.
     """
 
     points: tuple[GraspPoint, ...]
@@ -143,7 +141,7 @@ class GraspPoses:
     no_place: dict[str, int] = field(default_factory=dict)
 
     def placeable(self, can: np.ndarray) -> GraspPoses:
-        """Those poses from which the workpiece can be put down, `can` (n,) bool; the others are only counted."""
+        """The poses with `can` (n,) bool, from which the workpiece can be placed; the others are only counted."""
         names = Counter(self.points[i].name for i in self.index[~can])
         return GraspPoses(
             points=self.points,
@@ -158,7 +156,7 @@ class GraspPoses:
 
 
 def load_grasps(workpiece: Workpiece, gripper: Gripper, path: Path | None = None) -> GraspPoses:
-    """Read a workpiece's grasps.yaml, or the table at `path`, and expand what is for `gripper`.
+    """Read a workpiece's grasps.yaml, or the table at `path`, and expand the grasp points for `gripper`.
 
     Raises:
         InputError: missing file, a field that does not fit the schema, or a grasp that the gripper cannot do.
@@ -184,20 +182,20 @@ def read_table(path: Path) -> GraspTable:
 
 
 def parse_table(data: dict[str, Any], path: Path) -> GraspTable:
-    """The table that a grasps.yaml at `path` holds as `data`; errors are those of `read_table`."""
+    """Check `data`, the content of a grasps.yaml at `path`; errors are those of `read_table`."""
     table = parse(GraspTable, data, path)
     names = [g.name for g in table.grasps]
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise InputError(path, f"grasps.{i}.name", name, "a name of its own")
+            raise InputError(path, f"grasps.{i}.name", name, "a name that no other grasp point has")
     return table
 
 
 def check_openings(points: Sequence[GraspPoint], gripper: Gripper, path: Path) -> None:
-    """Hold grasp points made for a jaw against what it opens to.
+    """Check the openings of grasp points for a jaw.
 
     Raises:
-        InputError: an opening is beyond it.
+        InputError: an opening exceeds the gripper's largest opening.
     """
     for i, point in enumerate(points if isinstance(gripper, ParallelJaw) else ()):
         if point.gripper == gripper.name and opening(point) > gripper.max_opening:
@@ -205,7 +203,7 @@ def check_openings(points: Sequence[GraspPoint], gripper: Gripper, path: Path) -
 
 
 def opening(point: GraspPoint) -> float:
-    """Opening of the jaws on the way in, in [m]."""
+    """Opening of the jaws during the approach, in [m]."""
     if point.opening is not None:
         return point.opening
     return point.width + (2 * OPENING_MARGIN if point.stroke is None else point.stroke)
@@ -214,7 +212,7 @@ def opening(point: GraspPoint) -> float:
 def expand(points: tuple[GraspPoint, ...], workpiece: Workpiece, gripper: str = "") -> GraspPoses:
     """All tool poses of the grasp points over symmetry, slides, depths, rotations and flips, each pose once.
 
-    Those of grasp points that are switched off, or made for another gripper than the one named, are only counted.
+    Poses of grasp points that are switched off, or for another gripper than the one named, are only counted.
     """
     rows: list[_Rows] = []
     disabled: dict[str, int] = {}
@@ -249,12 +247,12 @@ class _Rows:
 
 
 def first_pose(point: GraspPoint) -> Array:
-    """T_part_tool (4, 4) that a grasp point wants most: first slide and depth, smallest turns, no symmetry."""
+    """Preferred T_part_tool (4, 4) of a grasp point: first slide and depth, smallest rotations, no symmetry."""
     return _tool_poses(point, point.slide.offsets[0] if point.slide else 0.0, point.depths[0])[0]
 
 
 def _expand_one(i: int, point: GraspPoint, workpiece: Workpiece) -> _Rows:
-    """Every pose of grasp point `i`; of poses that symmetry and freedoms give twice, the most wanted one."""
+    """Every pose of grasp point `i`; of equal poses from symmetry and freedoms, only the preferred one."""
     Ts: list[Array] = []
     ranks: list[int] = []
     offsets: list[float] = []

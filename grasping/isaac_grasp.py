@@ -3,7 +3,7 @@
 The format is that of Isaac Sim's Grasp Editor (docs.isaacsim.omniverse.nvidia.com, "What is an Isaac Grasp File?"):
 lengths in [m], the orientation a quaternion {w, xyz}, joints of the gripper at the grasp and before it. Isaac ROS
 writes `object_frame` and `gripper_frame` where Isaac Sim writes `object_frame_link` and `gripper_frame_link`; both are
-read, the latter written. Programs add fields of their own to such files; these are passed over.
+read, the latter are written. Additional fields of other programs are ignored.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from pickproof.grasping.grasp_points import GraspPoint, GraspPoses
 
 Triple = tuple[float, float, float]
 JOINTS = ("finger_left_joint", "finger_right_joint")
-"""Prismatic joints of our jaws, each 0 where its pad is at the centre."""
+"""Prismatic joints of this project's jaws, each 0 where its pad is at the centre."""
 
 
 class _Open(Config):
-    """As other configurations, but fields that are not ours are passed over."""
+    """Base of the file's models; unknown fields are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
@@ -59,7 +59,7 @@ class _File(_Open):
     @classmethod
     def _known(cls, version: float | str) -> float | str:
         if str(version) not in ("1", "1.0"):
-            raise ValueError("only version 1.0 is known")
+            raise ValueError("only version 1.0 is supported")
         return version
 
 
@@ -67,10 +67,10 @@ def read_isaac_grasps(path: Path, T_gripper_tool: Array) -> list[GraspPoint]:
     """Grasp points without any freedom, one for each grasp of an `isaac_grasp` file.
 
     Args:
-        T_gripper_tool: (4, 4) our TCP in the file's gripper frame; its x is the closing direction, its z the approach.
+        T_gripper_tool: (4, 4) TCP of this project in the file's gripper frame; x closing direction, z approach.
 
     Raises:
-        InputError: not such a file, or joints that are no opening of a parallel jaw.
+        InputError: the file is not an `isaac_grasp` file, or its joints are not an opening of a parallel jaw.
     """
     file = parse(_File, read_yaml(path), path)
     points = []
@@ -81,7 +81,7 @@ def read_isaac_grasps(path: Path, T_gripper_tool: Array) -> list[GraspPoint]:
         wide = _opening(path, f"grasps.{name}.pregrasp_cspace_position", grasp.pregrasp_cspace_position)
         if wide < width:
             raise InputError(
-                path, f"grasps.{name}.pregrasp_cspace_position", wide, f"at least the {width} m it grips at"
+                path, f"grasps.{name}.pregrasp_cspace_position", wide, f"at least {width} m, the width at the grasp"
             )
         points.append(_point(name, T_part_tool, width, wide, grasp.confidence))
     return points
@@ -91,7 +91,7 @@ def isaac_grasps_text(poses: GraspPoses, workpiece: str, gripper: str, T_gripper
     """An `isaac_grasp` file of every pose of `poses`, freedoms and symmetry expanded, best grasp points first.
 
     Args:
-        T_gripper_tool: (4, 4) our TCP in the gripper frame of the program that will read it.
+        T_gripper_tool: (4, 4) TCP of this project in the gripper frame of the program that reads the file.
     """
     numbered = {p.name: 0 for p in poses.points}
     order = sorted(range(len(poses.index)), key=lambda i: -poses.points[poses.index[i]].priority)
@@ -137,16 +137,16 @@ def _point(name: str, T_part_tool: Array, width: float, wide: float, confidence:
 
 
 def _plain(values: Array) -> list[float]:
-    """Numbers for a file, rounded to far below any tolerance; -0 becomes 0."""
+    """Numbers for a file, rounded well below any tolerance; -0 becomes 0."""
     return [round(float(v), 12) + 0.0 for v in values]
 
 
 def _opening(path: Path, field: str, joints: dict[str, float]) -> float:
-    """Distance of the pads in [m]: the sum over both fingers, or twice the one of which the other is a mimic."""
+    """Distance of the pads in [m]: the sum of both fingers, or twice one finger if the other is a mimic joint."""
     if len(joints) > 2:
         raise InputError(path, field, ", ".join(joints), "one or two prismatic finger joints")
     travel = [abs(v) for v in joints.values()]
     opening = float(sum(travel)) * (2 if len(travel) == 1 else 1)
     if not 0 < opening <= 0.5:
-        raise InputError(path, field, opening, "finger joints in [m] that sum up to an opening above 0 and up to 0.5")
+        raise InputError(path, field, opening, "finger joints in [m] with a sum above 0 and up to 0.5")
     return opening

@@ -1,4 +1,4 @@
-"""What lies under another workpiece, as far as poses are known: lifted it takes that one along, or jams."""
+"""Overlap of estimated workpieces: one that lies under another lifts that one with it, or jams."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ import numpy as np
 from pickproof.cell.frames import Array, apply, invert
 from pickproof.cell.workpiece.workpiece import Workpiece
 
-SPACING = 0.004  # [m] between points of the surface, on average
-EDGE = 0.001  # [m] by which another one must reach past a point on all sides: poses are off by less
+SPACING = 0.004  # [m] mean distance of surface points
+EDGE = 0.001  # [m] by which another one must extend past a point on all sides; larger than pose errors
 LIES = 0.3
-"""Score of an estimate from which on it counts as lying on others; being spared in vain costs little."""
-ABOVE = 0.0005  # [m] over a point from which on another surface is over it
+"""Score from which an estimate counts as lying on others; low, because sparing a workpiece wrongly costs little."""
+ABOVE = 0.0005  # [m] height over a point from which another surface counts as above it
 
 
 def overlaps(workpiece: Workpiece, Ts_world_part: Array, among: np.ndarray) -> Array:
-    """Area (k,) [m2], seen from above, that lies under other workpieces: what is lifted straight up would meet them.
+    """Area (k,) [m2], seen from above, that lies under other workpieces and would collide when lifted straight up.
 
-    A point of the surface that looks up counts if it and four points EDGE beside it have another workpiece's CAD above
-    them, however far. What touches side by side does not overlap.
+    An upward surface point counts if it and four points at distance EDGE have another workpiece's CAD above them, at
+    any height. Workpieces that touch side by side do not overlap.
 
     Args:
         Ts_world_part: (k, 4, 4) poses.
-        among: (k,) bool: those that count as lying on others.
+        among: (k,) bool: estimates that count as lying on others.
     """
     count = int(np.ceil(workpiece.mesh.area / SPACING**2))
     points, normals = workpiece.sample_surface(count, seed=4)

@@ -15,29 +15,29 @@ from pickproof.cell.config import Config
 from pickproof.cell.frames import Array
 from pickproof.grasping.grasp_points import GraspPoses
 
-DEPTH_LOSS = 0.5  # of robustness for each depth less wanted than the first
-SLIDE_LOSS = 10.0  # [1/m] of robustness for sliding away from the grasp point's centre
-ERROR_LOSS = 0.5  # of robustness for an estimate as uncertain as the grasp point tolerates
+DEPTH_LOSS = 0.5  # loss of robustness per step of depth after the preferred one
+SLIDE_LOSS = 10.0  # [1/m] loss of robustness for a shift from the grasp point's centre
+ERROR_LOSS = 0.5  # loss of robustness when the pose error equals the tolerance of the grasp point
 
 
 class GraspingConfig(Config):
     """Weights of the ranking of grasp candidates; each term is in [0, 1]."""
 
-    weight_score: float = Field(default=1.0, ge=0, description="of the estimate's score")
-    weight_height: float = Field(default=1.0, ge=0, description="of the workpiece's height in the heap")
-    weight_upright: float = Field(default=0.5, ge=0, description="of the approach that the grasp point prefers")
-    weight_priority: float = Field(default=0.5, ge=0, description="of the grasp point's own priority")
-    weight_robustness: float = Field(default=0.5, ge=0, description="of a grasp that tolerates an error of the pose")
-    weight_clearance: float = Field(default=0.75, ge=0, description="of room between the gripper and what lies beside")
-    weight_uncovered: float = Field(default=2.0, ge=0, description="of a workpiece on which nothing lies")
-    weight_alone: float = Field(default=1.0, ge=0, description="of nothing else between the fingers")
-    weight_motion: float = Field(default=0.25, ge=0, description="of a short way of the arm")
-    min_score: float = Field(default=0.0, ge=0, le=1, description="of an estimate below which nothing is gripped")
-    min_uncovered: float = Field(default=0.0, ge=0, le=1, description="of the term below which nothing is gripped")
+    weight_score: float = Field(default=1.0, ge=0, description="weight of the estimate's score")
+    weight_height: float = Field(default=1.0, ge=0, description="weight of the workpiece's height in the heap")
+    weight_upright: float = Field(default=0.5, ge=0, description="weight of closeness to the preferred approach")
+    weight_priority: float = Field(default=0.5, ge=0, description="weight of the grasp point's priority")
+    weight_robustness: float = Field(default=0.5, ge=0, description="weight of tolerance to pose errors")
+    weight_clearance: float = Field(default=0.75, ge=0, description="weight of clearance to neighbours")
+    weight_uncovered: float = Field(default=2.0, ge=0, description="weight of a workpiece without others on it")
+    weight_alone: float = Field(default=1.0, ge=0, description="weight of nothing else between the fingers")
+    weight_motion: float = Field(default=0.25, ge=0, description="weight of a short arm motion")
+    min_score: float = Field(default=0.0, ge=0, le=1, description="smallest score of an estimate that is gripped")
+    min_uncovered: float = Field(default=0.0, ge=0, le=1, description="smallest term `uncovered` that is gripped")
     max_overlap_mm2: float | None = Field(
-        default=None, ge=0, description="[mm2] of it that may lie under another believed one, from above; null: any"
+        default=None, ge=0, description="[mm2] largest area, from above, under another estimate; null: no limit"
     )
-    max_candidates: int = Field(default=200, ge=1, le=1000, description="candidates handed on to planning, best first")
+    max_candidates: int = Field(default=200, ge=1, le=1000, description="number of candidates passed to planning")
 
     def rank(self, terms: Mapping[str, float | Array]) -> Array:
         """Weighted sum of terms."""
@@ -47,8 +47,8 @@ class GraspingConfig(Config):
 def robustness(poses: GraspPoses, error: float) -> Array:
     """Term (n,): how well each pose tolerates an error of the estimate, expected to be `error` [m].
 
-    The share of disturbances at which the grasp point held, less where the tips reach less deep or off its centre, and
-    less the more of its tolerance the estimate uses up.
+    The share of disturbances at which the grasp point held, reduced for a depth after the preferred one, for a shift
+    from its centre, and for a pose error close to its tolerance.
     """
     own = np.array([p.robustness for p in poses.points])[poses.index]
     used = np.clip(error / np.array([p.tolerance for p in poses.points])[poses.index], 0.0, 1.0)

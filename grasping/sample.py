@@ -1,8 +1,8 @@
-"""Proposals from the CAD: where the fingers of a parallel jaw find two faces that look at each other, or a cup seals.
+"""Grasp proposals from the CAD: two opposed faces for a parallel jaw, or a place where a cup seals.
 
 Antipodal sampling as in Nguyen, "Constructing force-closure grasps" (1988): from a point of the surface a ray goes
-through the material; where it leaves through a face that looks the other way, two pads pressed on both ends hold by
-friction alone. What holds in the physics is for `scenarios.grasp_trials.trial` to say.
+through the material; where it leaves through an opposed face, two pads pressed on both ends hold by friction alone.
+`scenarios.grasp_trials.trial` tests the proposals in the physics.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from pickproof.grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
 from pickproof.grasping.sample_freeform import freeform_proposals
 from pickproof.grasping.sample_one_sided import one_sided_proposals
 
-STEP_DEG = 15.0  # between approaches about the closing direction
+STEP_DEG = 15.0  # step between approaches about the closing direction
 RAYS = 4000
-OPPOSED = float(np.cos(np.deg2rad(8.0)))  # of the two faces, well inside the friction cone
-DEPTH = 0.004  # [m] that the tips go past the line between the contacts
-TOUCH = 3e-4  # [m] within which surface touches a pad
-FACING = 0.95  # cosine of the angle at which surface still carries a pad
-LEAST_AREA = 30e-6  # [m2] under each pad
+OPPOSED = float(np.cos(np.deg2rad(8.0)))  # largest angle between the two faces, well inside the friction cone
+DEPTH = 0.004  # [m] of the tips past the line between the contacts
+TOUCH = 3e-4  # [m] distance within which the surface touches a pad
+FACING = 0.95  # cosine of the largest angle at which the surface still supports a pad
+LEAST_AREA = 30e-6  # [m2] smallest contact area of each pad
 FREEFORM = (float(np.cos(np.deg2rad(15.0))), 6e-6)
-"""The same two for curved faces: still inside the cone of friction 0.3, and as much as a pad meets of a
-ball of 10 mm radius within TOUCH."""
-INTO = 5e-5  # [m] that the gripper may go into the workpiece, for the sampling of its surface
-SPACING = 0.010  # [m] between proposals that grip along the same direction
+"""The same limits for curved faces: inside the cone of friction 0.3, and the area of a ball of 10 mm radius that
+touches a pad within TOUCH.
+"""
+INTO = 5e-5  # [m] allowed penetration of the workpiece, because its surface is sampled
+SPACING = 0.010  # [m] smallest distance between proposals with the same direction
 TRIED = 40
-"""Pairs of contacts that are looked at, nearest to the centre of mass first, each well apart from the others."""
+"""Number of contact pairs that are checked, nearest to the centre of mass first, each well apart from the others."""
 
 
 @dataclass(frozen=True)
 class _Surface:
-    """Surface samples of the workpiece: points and outward normals (n, 3), and the area [m2] that one stands for."""
+    """Surface samples of the workpiece: points and outward normals (n, 3), and the area [m2] of one sample."""
 
     points: Array
     normals: Array
@@ -55,7 +56,7 @@ class _Surface:
 
 
 def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.Generator) -> list[GraspPoint]:
-    """At most `count` grasp points for a gripper, those nearest to the centre of mass first; each of its own kind.
+    """At most `count` distinct grasp points for a gripper, nearest to the centre of mass first.
 
     One function proposes for each kind of gripper: `jaw_proposals` and then `freeform_proposals`, which finds what
     teeth and curved faces allow, or `one_sided_proposals` for cups and magnets.
@@ -82,10 +83,9 @@ def propose(workpiece: Workpiece, gripper: Gripper, count: int, rng: np.random.G
 
 
 def jaw_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
-    """Antipodal grasps of a parallel jaw, each with the range of approaches for which the gripper has room.
+    """Antipodal grasps of a parallel jaw, each with the range of approaches in which the gripper has clearance.
 
-    Those with much of parallel faces under the pads come first, then those whose faces look less straight at each other
-    or are curved.
+    Grasps with large parallel faces under the pads come first, then those with less parallel or curved faces.
     """
     seed = int(rng.integers(2**31))
     for opposed, area in ((OPPOSED, LEAST_AREA), FREEFORM):
@@ -121,7 +121,7 @@ def _antipodal(workpiece: Workpiece, widest: float, seed: int, opposed: float) -
 
 
 def _apart(centres: Array, closings: Array, workpiece: Workpiece) -> list[int]:
-    """Pairs of contacts, nearest to the centre of mass first, of which none repeats another one or its symmetric."""
+    """Pairs of contacts, nearest to the centre of mass first, none equal or symmetric to another one."""
     rotations = workpiece.symmetry.rotations()
     kept: list[int] = []
     images, directions = np.zeros((0, 3)), np.zeros((0, 3))
@@ -139,7 +139,7 @@ def _apart(centres: Array, closings: Array, workpiece: Workpiece) -> list[int]:
 def _free_approaches(
     centre: Array, closing: Array, width: float, gripper: ParallelJaw, surface: _Surface, least_area: float
 ) -> np.ndarray:
-    """(24,) bool: approaches at multiples of STEP_DEG for which the gripper has room and both pads have enough face."""
+    """(24,) bool: approaches at multiples of STEP_DEG with clearance and enough contact area on both pads."""
     Ts_tool_part = invert(_tool_poses(centre, closing))
     fingers, length = gripper.finger_size, gripper.finger_size[2]
     reach = float(np.linalg.norm(gripper.boxes(gripper.max_opening)[0].T_world_box[:3, 3])) + 0.1
@@ -197,9 +197,9 @@ def _point(centre: Array, closing: Array, width: float, angle_deg: float, turn: 
 
 
 def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
-    """Both grip nearly the same spot from the same side, symmetry considered.
+    """Whether both grip nearly the same spot from the same side, symmetry considered.
 
-    One approach without an arc of them says less about its neighbours.
+    A single approach excludes fewer neighbours than an arc of approaches.
     """
     same_side = 0.5 if a.tool_rotation != Turn() else 0.85
     S = workpiece.symmetry.rotations()
@@ -209,7 +209,7 @@ def _alike(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
 
 
 def _beside(a: GraspPoint, b: GraspPoint, workpiece: Workpiece) -> bool:
-    """Both lie on nearly the same spot of the same side, symmetry considered."""
+    """Whether both lie on nearly the same spot of the same side, symmetry considered."""
     S = workpiece.symmetry.rotations()
     near = np.linalg.norm(S @ np.asarray(a.centre) - b.centre, axis=1) < SPACING
     return bool((near & ((S @ np.asarray(a.approach)) @ np.asarray(b.approach) > 0.9)).any())

@@ -1,8 +1,8 @@
-"""Proposals for a parallel jaw on freeform workpieces, which have no parallel faces.
+"""Grasp proposals for a parallel jaw on freeform workpieces, which have no parallel faces.
 
-Where the surface is curved, pads touch where it stands out farthest between them. So the pads are closed in thought
-from every approach about a closing direction until they touch, and the two touching places are asked whether they
-look straight enough at each other to hold by friction.
+On a curved surface each pad touches the outermost points between the pads. So the closing of the pads is computed for
+every approach about a closing direction, and a grasp is proposed if the normals at both contacts are opposed closely
+enough to hold by friction.
 """
 
 from __future__ import annotations
@@ -18,27 +18,29 @@ from pickproof.cell.workpiece.resting_poses import resting_poses
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.grasp_points import OPENING_MARGIN, GraspPoint, Turn
 
-CONE = float(np.cos(np.deg2rad(20.0)))  # of each touching place; friction of 0.4 holds up to 22 degrees
-TOUCH = 0.0004  # [m] from the outermost point within which surface touches a pad
+CONE = float(np.cos(np.deg2rad(20.0)))  # largest angle at each contact; friction of 0.4 holds up to 22 degrees
+TOUCH = 0.0004  # [m] distance from the outermost point within which the surface touches a pad
 FLANK = 0.7
-"""Cosine of the angle at which surface near the outermost point is the side of a tooth or step and touches no pad."""
-BESIDE = 0.003  # [m] between the middles of the two places across the closing direction: more would turn the workpiece
+"""Cosine of the angle from which the surface near the outermost point is the side of a tooth or step, without
+contact.
+"""
+BESIDE = 0.003  # [m] largest offset of the two contacts across the closing direction: more would rotate the workpiece
 INTO = 1e-4  # [m] that the gripper may go into the workpiece, for the sampling of its surface
 STEP_DEG = 30.0
 ARC_DEG, MOST_DEG = 15.0, 45.0
-"""Steps, and the most, by which an approach may turn about its closing direction while the grip stays the same."""
-DEPTH = 0.006  # [m] that the tips go past the middle of the grip
-MAX_TILT_DEG = 60.0  # few approaches each: they may lean more
+"""Step and largest angle by which the approach may rotate about its closing direction with the same grip."""
+DEPTH = 0.006  # [m] of the tips past the middle of the grip
+MAX_TILT_DEG = 60.0  # each has few approaches, so a larger tilt is allowed
 DIRECTIONS, SAMPLES = 500, 6000
 ABOVE_DEG, CENTRES = 5.0, 4
-"""Between closing directions of grips from straight above, and how many middles are tried for each."""
+"""Step between closing directions of grips from above, and the number of centres tried for each."""
 
 
 def freeform_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.random.Generator) -> Iterator[GraspPoint]:
     """Grasps across the workpiece near its centre of mass.
 
-    First from straight above the workpiece in its ways of lying, the likeliest first, then from anywhere; within each
-    those whose places look straightest at each other first.
+    First grasps from straight above the workpiece in its resting poses, likeliest pose first, then grasps from all
+    directions; within each group, those with the best opposed contacts first.
     """
     points, normals = workpiece.sample_surface(SAMPLES, seed=int(rng.integers(2**31)))
     for grips in chain(_from_above(workpiece, rng), [_from_anywhere(workpiece, rng)]):
@@ -54,7 +56,7 @@ def freeform_proposals(workpiece: Workpiece, gripper: ParallelJaw, rng: np.rando
 
 
 def _from_above(workpiece: Workpiece, rng: np.random.Generator) -> Iterator[Iterator[Array]]:
-    """For each way of lying poses T_part_grip (4, 4) that look down, at the centre of mass and near it."""
+    """For each resting pose, downward poses T_part_grip (4, 4) at the centre of mass and near it."""
     offsets = [np.zeros(3), *(_beside(workpiece, rng) for _ in range(CENTRES - 1))]
     for resting in resting_poses(workpiece.mesh, workpiece.symmetry):
         x, y, up = resting.T_plane_part[:3, :3]
@@ -81,7 +83,9 @@ def _grip(closing: Array, approach: Array, workpiece: Workpiece, beside: Array) 
 def _arc(
     T_part_grip: Array, width: float, gripper: ParallelJaw, points: Array, normals: Array
 ) -> tuple[float, float, float]:
-    """How far [deg] the approach may turn about the closing direction either way, and the largest width [m] then."""
+    """Angle [deg] by which the approach may rotate about the closing direction in each sense, and the largest width
+    [m].
+    """
     ends = []
     for side in (-1, 1):
         reached = 0.0
@@ -98,7 +102,7 @@ def _arc(
 def _close(
     T_part_grip: Array, gripper: ParallelJaw, points: Array, normals: Array
 ) -> tuple[float, Array, float] | None:
-    """How straight the touching places look at each other, the grip moved to their middle, and the width; or None."""
+    """How well the contacts are opposed, the grip moved to their middle, and the width; or None."""
     _, pad_width, pad_length = gripper.finger_size
     T = T_part_grip @ make_transform(t=(0.0, 0.0, DEPTH))
     p, n = apply(invert(T), points), normals @ T[:3, :3]

@@ -20,12 +20,12 @@ from pickproof.cell.physics.world import GRAVITY
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.grasping.grasp_points import GraspPoint, Turn
 
-SPOTS = 1500  # points of the surface that are looked at
-PRESS = 0.002  # [m] that the faces are pressed on: an error of the pose along the normal is taken up by their spring
-PRESS_ALONE = 0.4  # of the stroke, where each is on a spring of its own: a row of them meets a face that leans
-TURN_DEG = 30.0  # between turns of several faces about the approach
-LIFTED = 12.0  # [m/s2] upwards and sideways under which a place must hold
-LEVELLED = 2  # times that the faces are turned to what the rim meets
+SPOTS = 1500  # number of surface points that are tried
+PRESS = 0.002  # [m] spring compression of the faces: compensates an error of the pose along the normal
+PRESS_ALONE = 0.4  # share of the stroke, where each face has its own spring: a row of faces meets a tilted surface
+TURN_DEG = 30.0  # step between rotations of several faces about the approach
+LIFTED = 12.0  # [m/s2] acceleration upwards and sideways under which a place must hold
+LEVELLED = 2  # number of alignments of the faces with the points under the rim
 
 
 def one_sided_proposals(
@@ -50,8 +50,8 @@ def one_sided_proposals(
 def over_centre_of_mass(workpiece: Workpiece, area: float) -> tuple[Array, Array]:
     """Points and outward normals, each (n, 3), over the centre of mass in the planes of faces of `area` [m2] or more.
 
-    They bend the faces least, and need not be on the surface: between the slots of a rail few places have room for ten
-    cups, and those drawn at random miss them.
+    Such places bend the faces least. They need not be on the surface: between the slots of a rail few places have room
+    for ten cups, and random points miss them.
     """
     mesh = workpiece.mesh
     flat = [facet[0] for facet, size in zip(mesh.facets, mesh.facets_area, strict=True) if size >= area]
@@ -63,8 +63,8 @@ def over_centre_of_mass(workpiece: Workpiece, area: float) -> tuple[Array, Array
 def worst_use(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array) -> float:
     """Largest share of any limit of any face that the workpiece takes when lifted along tool -z; infinite if not held.
 
-    Load at the centre of mass: weight and LIFTED along the tool axis, LIFTED across it in the worst of eight ways,
-    which are the same eight for all turns in which a single face may come (45 degrees apart).
+    Load at the centre of mass: weight and LIFTED along the tool axis, LIFTED across it in the worst of eight
+        directions. They are 45 degrees apart, as the rotations of a single face are, so all these see the same loads.
     """
     holds, reasons = gripper.take(lambda xy: probe_part(workpiece, T_part_tool, xy), lambda _: workpiece.magnetic)
     if any(reasons) or not holds:
@@ -79,7 +79,7 @@ def worst_use(workpiece: Workpiece, gripper: OneSidedGripper, T_part_tool: Array
 
 
 def _laid(point: Array, normal: Array) -> Array:
-    """T_part_tool (4, 4) with the TCP on a surface point, looking against its normal."""
+    """T_part_tool (4, 4) with the TCP on a surface point and tool z against its normal."""
     axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
     x = np.cross(axis, normal)
     x /= np.linalg.norm(x)

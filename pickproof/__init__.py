@@ -1,4 +1,4 @@
-"""Proves a pick rate before the cell exists: bin picking simulated from depth image to counted pick.
+"""Measures the pick rate of a bin picking cell in simulation, from depth image to counted pick.
 
     from pickproof import Campaign, compare, load_scenario
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord, Reason
 
 use_portable_kernels()  # before any module of the project loads numpy
-register_folder(WORKPIECES)  # so that load_workpiece("bracket") finds what is shipped
+register_folder(WORKPIECES)  # load_workpiece("bracket") then finds the shipped workpieces
 
 __all__ = [
     "AttemptRecord",

@@ -1,4 +1,4 @@
-"""Why there is no motion, as types: how far planning came, what was in the way, and between which two bodies."""
+"""Reasons for the lack of a motion, as types: planning stage, obstacle, and the two bodies in collision."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from enum import IntEnum
 from typing import Literal
 
 Contact = tuple[str, str]
-"""Names of two bodies that touch: a link, a box of the tool or `held`, then what it touches."""
+"""Names of two bodies that touch: a link, a box of the tool or `held`, then the other body."""
 
 
 class Cause(IntEnum):
-    """What is in the way; the later ones are the nearer to a motion."""
+    """Kinds of refusal, ordered by how close planning came to a motion."""
 
     OUT_OF_REACH, JOINT_LIMIT, SINGULARITY, COLLISION, TORQUE, NO_PLACE = range(6)
 
 
 class Stage(IntEnum):
-    """How far a plan came."""
+    """Stages of planning, in order."""
 
     GRASP, APPROACH_LINE, LIFT_LINE, APPROACH, PLACE, PLACE_LINE, CARRY, LEAVE = range(8)
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why the arm cannot stand or move somewhere.
+    """The reason why the arm cannot reach a pose or make a motion.
 
     Attributes:
         joint: 1 to 6, of a joint limit or a torque; 0 of all others.
         contact: of a collision that is known.
         on_line: the collision is on a straight tool line that must be kept.
-        early: whatever was tried touched something in the first half of its time.
+        early: every tried motion had a collision in the first half of its time.
     """
 
     cause: Cause
@@ -47,15 +47,15 @@ class Refusal:
             Cause.OUT_OF_REACH: "out of reach",
             Cause.JOINT_LIMIT: f"joint limit of J{self.joint}",
             Cause.SINGULARITY: "singularity margin",
-            Cause.TORQUE: f"more torque than the motor of J{self.joint} has",
-            Cause.NO_PLACE: "no place pose was given",
+            Cause.TORQUE: f"torque limit of J{self.joint} exceeded",
+            Cause.NO_PLACE: "no place pose is given",
         }
         return words[self.cause]
 
 
 @dataclass(frozen=True)
 class PlanFailure:
-    """Where planning ended and why; `where` names the pose or motion for a reader."""
+    """Where planning ended and why; `where` names the pose or motion in words."""
 
     stage: Stage
     refusal: Refusal
@@ -63,17 +63,17 @@ class PlanFailure:
 
     @property
     def cause(self) -> Cause:
-        """What stood against the motion."""
+        """The reason against the motion."""
         return self.refusal.cause
 
     @property
     def reason(self) -> Literal["unreachable", "no_path"]:
-        """`unreachable` by the arm alone, or `no_path` because something is in the way."""
+        """`unreachable` for the arm itself, or `no_path` because of an obstacle."""
         return "no_path" if self.cause == Cause.COLLISION else "unreachable"
 
     @property
     def detail(self) -> str:
-        """One line for a reader: where, and what stood against it."""
+        """One line of text: where, and the reason."""
         return f"{self.where}: {self.refusal}"
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""What is run, and what came of it: scenarios, picks, episodes, campaigns, statistics, reports."""
+"""Scenarios and their execution: picks, episodes, campaigns, statistics, reports."""
 
 from __future__ import annotations
 

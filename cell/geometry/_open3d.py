@@ -1,7 +1,7 @@
-"""The one place that imports open3d.
+"""The only module that imports open3d.
 
 Its wheel links to libusb-1.0.so.0, which a bare machine lacks. `libusb-package` ships that library under the same
-SONAME; once loaded with RTLD_GLOBAL the dynamic linker takes it, and no root is needed.
+SONAME. Once it is loaded with RTLD_GLOBAL, the dynamic linker uses it; root rights are not needed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import libusb_package
 
 
 def load_open3d() -> ModuleType:
-    """Import open3d (0.5 s), so only where rays are cast or clouds are drawn."""
+    """Import open3d when it is needed, because the import takes 0.5 s."""
     path = libusb_package.get_library_path()
     if path is not None:
         ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
@@ -28,7 +28,9 @@ def load_open3d() -> ModuleType:
 
 @contextmanager
 def _without_dash() -> Iterator[None]:
-    """Open3D imports a web server, for a function that draws in a page, and that takes longer than all the rest."""
+    """Replace dash, a web server that Open3D imports for notebooks, by an empty module: it takes most of the import
+    time.
+    """
     if "dash" in sys.modules:
         yield
         return

@@ -1,7 +1,6 @@
 """Nearest points of a mesh, by Embree through Open3D, in single precision.
 
-On triangles that are a metre long and a few millimetres wide Embree's answer is off by most of a millimetre, so long
-edges are cut before.
+On triangles 1 m long and a few millimetres wide, Embree's error is nearly 1 mm, so long edges are split first.
 """
 
 from __future__ import annotations
@@ -13,11 +12,11 @@ from pickproof.cell.frames import Array
 from pickproof.cell.geometry._open3d import load_open3d
 
 CUTS = 20.0
-"""Of the diagonal, in which the longest edge may be."""
+"""Longest edge, as a share of the diagonal of the bounding box."""
 
 
 class Nearest:
-    """Answers for one closed mesh (n, 3) [m], (m, 3)."""
+    """Nearest points of one closed mesh with vertices (n, 3) [m] and faces (m, 3)."""
 
     def __init__(self, vertices: Array, faces: np.ndarray) -> None:
         self._o3d = load_open3d()

@@ -1,4 +1,4 @@
-"""Whether a cloud's file holds as many points as it declares: readers pass over what was cut off."""
+"""Check that a point cloud file holds as many points as it declares; readers accept a truncated file silently."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PLY_BYTES = {
     **dict.fromkeys(("double", "float64"), 8),
 }
 NUMBER = tuple(bytes([c]) for c in b"+-.0123456789nNiI")
-"""First characters of a line that holds a point; nan and inf are numbers."""
+"""Characters that can start a line with a point; nan and inf are numbers."""
 IN_NUMBERS = np.isin(np.arange(256), np.frombuffer(b"+-.0123456789eEnNaAiIfFtTyY", np.uint8))
 BLANK = np.isin(np.arange(256), np.frombuffer(b" \t\n\v\f\r", np.uint8))
 MOST_HEADER = 100_000
@@ -24,7 +24,7 @@ MOST_HEADER = 100_000
 
 @dataclass
 class _Element:
-    """Of a PLY header: its scalar properties as bytes; `has_list` where its size is not fixed."""
+    """An element of a PLY header: bytes of its scalar properties; `has_list` where its size is not fixed."""
 
     name: str
     count: int
@@ -33,7 +33,7 @@ class _Element:
 
 
 def check_count(path: Path) -> None:
-    """Compare declared points with those that the file holds; XYZ declares none, but its lines are alike.
+    """Compare the declared number of points with that in the file; in XYZ, check that all lines are equally long.
 
     Raises:
         InputError: there are fewer or more, the header does not say, or lines hold different counts of numbers.
@@ -95,7 +95,7 @@ def _pcd(content: bytes) -> tuple[int, int]:
     if kind == b"ascii":
         return declared, _rows(body, sum(counts))
     for name, width, letter in zip(fields["FIELDS"], fields["SIZE"], fields["TYPE"], strict=True):
-        if name in ("x", "y", "z") and (width, letter) != ("4", "F"):  # the reader makes 0 of them
+        if name in ("x", "y", "z") and (width, letter) != ("4", "F"):  # the reader replaces such values by 0
             raise ValueError(f"{name} of SIZE {width} and TYPE {letter}, not of 4 and F")
     if kind == b"binary":
         return declared, len(body) // size
@@ -142,7 +142,7 @@ def _xyz(content: bytes) -> tuple[int, int]:
 
 
 def _split(content: bytes, end: bytes) -> tuple[str, bytes]:
-    """The header up to the line that starts with `end`, and what follows that word; of PLY, its line."""
+    """The header up to the line that starts with `end`, and the data after it."""
     start = 0 if content.startswith(end) else content.find(b"\n" + end) + 1
     if start == 0 and not content.startswith(end):
         raise ValueError(f"no {end.decode()}")
@@ -157,10 +157,10 @@ def _lines(body: bytes) -> list[bytes]:
 
 
 def _rows(body: bytes, width: int | None = None) -> int:
-    """How many lines hold `width` numbers, by default as many as the first; a last one cut short does not count.
+    """Number of lines with `width` numbers (default: as in the first line); a truncated last line does not count.
 
     Raises:
-        ValueError: a line before the last holds another count of numbers, or something else.
+        ValueError: a line before the last has a different count of numbers, or holds something else.
     """
     text = np.frombuffer(b"\n" + body, np.uint8)
     blank, line = BLANK[text], np.cumsum((text == 10) | (text == 13)) - 1

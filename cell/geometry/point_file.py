@@ -17,7 +17,7 @@ def read_point_file(path: Path) -> Array:
     """Points (n, 3) of a cloud in the file's own unit and frame; points that are not finite are left out.
 
     Raises:
-        InputError: missing file, nothing that could be read, or another number of points than the file declares.
+        InputError: the file is missing or not readable, or its number of points differs from the declared one.
     """
     from pickproof.cell.geometry._open3d import load_open3d
 
@@ -39,7 +39,7 @@ def sensor_pose(path: Path) -> Array | None:
     """T_cloud_sensor (4, 4), lengths in the file's own unit: VIEWPOINT of a PCD file; None where there is none.
 
     Raises:
-        InputError: it is no pose.
+        InputError: VIEWPOINT is not a pose.
     """
     values = pcd_viewpoint(path) if path.suffix.lower() == ".pcd" else None
     if values is None:

@@ -1,9 +1,9 @@
 """Hits of rays made exact in float64, the same on every processor.
 
-Embree casts in float32 with kernels and reciprocal estimates of the processor that it finds: the last bits of a
-distance differ from machine to machine, and with them which of two triangles a ray meets that passes their common edge.
-Here the distance is computed anew from ray and triangle, and near an edge the triangle is chosen anew among all that
-share a vertex with the one that Embree found.
+Embree casts in float32 with kernels and reciprocal estimates that depend on the processor. The last bits of a distance
+differ between machines, and with them the choice between two triangles when a ray passes their common edge. Here the
+distance is computed again from ray and triangle. Near an edge, the triangle is chosen again among all that share a
+vertex with the one that Embree found.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from pickproof.cell.frames import Array
 
 EDGE = 1e-6
-"""[m] to the nearest edge within which the triangle is chosen anew: several times the rounding of float32 at 1 m."""
+"""Distance [m] to an edge within which the triangle is chosen again: several float32 rounding errors at 1 m."""
 
 
 @numba.njit(cache=True)
@@ -83,7 +83,7 @@ def _incidence(n, faces):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _nearest_around(vertices, faces, first, incident, o, d, found, t_found):  # type: ignore[no-untyped-def]
-    """Of the triangles that share a vertex with the one found, the nearest that the ray meets; else the one found."""
+    """The nearest triangle hit among those that share a vertex with the found one; the found one if none is hit."""
     best, t_best = -1, np.inf
     for k in range(3):
         v = faces[found, k]
@@ -98,8 +98,8 @@ def _nearest_around(vertices, faces, first, incident, o, d, found, t_found):  # 
 def _distance(vertices, faces, f, o, d):  # type: ignore[no-untyped-def]
     """Distance t to the plane of triangle f, and how far inside the triangle [m] the ray passes, negative outside.
 
-    The sides are told by the triple products of Moeller and Trumbore (1997) about the ray's origin, so two triangles
-    agree on the side of their common edge: each edge is taken from its vertex of lower index.
+    The side is the sign of the triple product of Moeller and Trumbore (1997) about the ray's origin. Each edge starts
+    at its vertex of lower index, so two triangles agree on the side of their common edge.
     """
     i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
     a = _minus(_row(vertices, i), o)
@@ -120,7 +120,7 @@ def _distance(vertices, faces, f, o, d):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _side(p, q, in_order, d):  # type: ignore[no-untyped-def]
-    """d . (p x q), with bits that only change their sign when p and q change places."""
+    """d . (p x q), computed so that exchanging p and q changes exactly the sign."""
     if in_order:
         x, y, z = _cross(p, q)
         return x * d[0] + y * d[1] + z * d[2]

@@ -1,6 +1,6 @@
 """First hits of rays with a triangle mesh by Embree: through Open3D where it can be imported, else through embreex.
 
-Training thus runs on a machine that has no Open3D. Embree says which triangle is hit; the distance is that of
+Training therefore runs without Open3D. Embree finds the triangle that is hit; the distance is that of
 `cell/geometry/ray_hits.py`, the same on every processor.
 """
 

@@ -1,7 +1,7 @@
-"""What every gripper has: a body at the flange, a TCP, parts that touch workpieces, and the shapes they are made of.
+"""Base of all grippers: a body at the flange, a TCP, parts that touch workpieces, and the shapes of these parts.
 
-Tool frame (TCP): z is the approach direction. A jaw's TCP lies between its finger tips, x the closing direction; that
-of cups and magnets lies in the middle of the face that takes the workpiece.
+Tool frame (TCP): z is the approach direction. The TCP of a jaw lies between its finger tips, with x as the closing
+direction. The TCP of cups and magnets is the centre of the face that holds the workpiece.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class BodyBox(Config):
 
 
 class ToolConfig(Config):
-    """What stands in the YAML file of every gripper."""
+    """Fields of the YAML file of every gripper."""
 
     name: str = Field(description="records and grasp tables refer to it")
     flange_to_tcp: Length = Field(description="[m]")
@@ -41,7 +41,7 @@ class ToolConfig(Config):
 
 @dataclass(frozen=True)
 class Pad:
-    """How a touching surface gives way when pressed: stiffness [N/m] and damping [N s/m] of each contact point."""
+    """Compliance of a touching surface: stiffness [N/m] and damping [N s/m] of each contact point."""
 
     stiffness: float
     damping: float
@@ -53,7 +53,7 @@ class ToolLink:
 
     Attributes:
         shapes: in the flange frame, at travel 0.
-        mass: in [kg]; travel: farthest in [m]; speed: in [m/s].
+        mass: in [kg]; travel: largest displacement in [m]; speed: in [m/s].
         friction: see `cell.physics.world.engine_friction`; pad: None for a hard surface.
     """
 
@@ -72,7 +72,7 @@ class Gripper(ABC):
     """What all kinds of grippers have in common.
 
     Boxes are returned in the tool frame: their `T_world_box` is then T_tool_box. `in_frame` moves them elsewhere. The
-    boxes of what may touch a workpiece have names that begin with `finger`, whatever they are.
+    boxes of parts that may touch a workpiece have names that begin with `finger`, for every kind of gripper.
 
     Attributes:
         body_mass: in [kg].
@@ -91,12 +91,12 @@ class Gripper(ABC):
 
     @property
     def mass(self) -> float:
-        """Of everything behind the flange in [kg]."""
+        """Mass in [kg] of everything mounted on the flange."""
         return self.body_mass + sum(link.mass for link in self.links())
 
     @property
     def centre(self) -> Array:
-        """Centre of mass (3,) in the flange frame in [m]: of boxes that are equally dense, what moves at travel 0."""
+        """Centre of mass (3,) in the flange frame in [m]; boxes have equal density, moving parts are at travel 0."""
         boxes = [(float(np.prod(b.size)), np.array(b.centre)) for b in self.body]
         body = sum(volume * centre for volume, centre in boxes) / sum(volume for volume, _ in boxes)
         moving = [(link.mass, np.mean([shape.centre for shape in link.shapes], axis=0)) for link in self.links()]
@@ -109,11 +109,11 @@ class Gripper(ABC):
 
     @abstractmethod
     def finger_boxes(self, opening: float) -> list[Box]:
-        """Boxes around what may touch a workpiece, when the pads are `opening` [m] apart."""
+        """Boxes around the parts that may touch a workpiece, with the pads `opening` [m] apart."""
 
     @abstractmethod
     def links(self) -> tuple[ToolLink, ...]:
-        """What may touch a workpiece, as the physics sees it."""
+        """The parts that may touch a workpiece, as the physics models them."""
 
     def boxes(self, opening: float) -> list[Box]:
         """Body and fingers."""

@@ -28,7 +28,7 @@ class MagnetConfig(OneSidedConfig):
     kind: Literal["magnet"] = Field(description="magnets")
     force: Positive = Field(description="[N] of each face on thick, flat, bare steel")
     gap_scale: Fine = Field(gt=0, description="[m] gap at which a quarter of the force is left")
-    cover: Fine = Field(0.0, description="[m] of something that is not magnetic on the face")
+    cover: Fine = Field(0.0, description="[m] thickness of a layer on the face that is not magnetic")
 
     def build(self) -> Magnet:
         """The gripper."""
@@ -50,7 +50,7 @@ class Magnet(OneSidedGripper):
     def take(
         self, probe: Probe, magnetic: Callable[[int], bool], travel: float = 0.0
     ) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
-        """Every magnetic workpiece that a face touches is held by the face's share over it."""
+        """Every magnetic workpiece that a face touches is held by the share of the face that covers it."""
         holds: dict[int, list[Hold]] = {}
         reasons = []
         for centre in self.centres:

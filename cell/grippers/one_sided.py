@@ -18,13 +18,13 @@ from pickproof.cell.grippers.one_sided_hold import Hold
 from pickproof.cell.workpiece.collision_pieces import CollisionCylinder
 
 SLIDE_SPEED = 1.0  # [m/s]
-TOUCH = 0.001  # [m] gap up to which a face touches; collision shapes stand off their CAD by less
+TOUCH = 0.001  # [m] gap up to which a face counts as touching; collision shapes deviate from their CAD by less
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 @dataclass(frozen=True)
 class Surface:
-    """What rays along the approach hit.
+    """Hits of rays along the approach direction.
 
     Attributes:
         gap: (n,) [m] from the face's plane, infinite where nothing is hit.
@@ -49,13 +49,13 @@ class OneSidedConfig(ToolConfig):
     centres: tuple[tuple[Offset, Offset], ...] = Field(((0.0, 0.0),), min_length=1, description="(x, y) of each [m]")
     stroke: Small = Field(description="[m] by which the faces give way towards the flange")
     stiffness: Positive = Field(description="[N/m] of the spring behind each face")
-    preload: Positive = Field(description="[N] of the spring behind each face at rest: more than the slide weighs")
+    preload: Positive = Field(description="[N] of the spring behind each face: more than the weight of the slide")
     face_mass: Positive = Field(description="[kg] of all that slides")
     friction: float = Field(gt=0, le=2, description="between face and workpiece")
     switch_time: Positive = Field(description="[s] from switching on until it holds, and from off until it lets go")
 
     def fields(self) -> dict[str, Any]:
-        """What the gripper of this file is made with."""
+        """Constructor arguments of the gripper of this file."""
         same = {k: getattr(self, k) for k in type(self).model_fields if k not in ("kind", "flange_to_tcp", "body")}
         return same | {"body": tuple(self.body), "T_flange_tool": tcp(self.flange_to_tcp)}
 
@@ -79,11 +79,11 @@ class OneSidedGripper(Gripper):
 
     @property
     def radius(self) -> float:
-        """Of each face in [m]."""
+        """Radius of each face in [m]."""
         return self.diameter / 2
 
     def finger_boxes(self, opening: float) -> list[Box]:
-        """A box around each face; there is nothing to open."""
+        """A box around each face; `opening` has no effect."""
         size = (self.diameter, self.diameter, self.height)
         return [
             Box(f"finger_{k}", size, make_transform(t=(x, y, -self.height / 2)))
@@ -99,7 +99,7 @@ class OneSidedGripper(Gripper):
         )
 
     def spring_force(self, travel: float) -> float:
-        """Force in [N] with which the faces press when they have given way by `travel` [m]."""
+        """Force in [N] with which the faces press when their springs are compressed by `travel` [m]."""
         return len(self.centres) * (self.preload + self.stiffness * max(travel, 0.0))
 
     @abstractmethod
@@ -108,12 +108,12 @@ class OneSidedGripper(Gripper):
     ) -> tuple[dict[int, list[Hold]], tuple[str, ...]]:
         """Holds by workpiece, and for each face why it holds nothing (empty where it holds).
 
-        `travel` [m] is how far the faces have given way.
+        `travel` [m] is the compression of the springs behind the faces.
         """
 
 
 def disc(radius: float, n: int) -> Array:
-    """Points (n, 2) spread evenly over a disc: a sunflower, whose every point stands for the same area."""
+    """Points (n, 2) spread evenly over a disc (sunflower pattern); each stands for the same area."""
     k = np.arange(n) + 0.5
     r, phi = radius * np.sqrt(k / n), GOLDEN_ANGLE * k
     return np.stack([r * np.cos(phi), r * np.sin(phi)], axis=1)

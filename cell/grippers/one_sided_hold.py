@@ -1,4 +1,4 @@
-"""What a cup or a magnet can carry: how a load is shared among several, and when one lets go. Pure mechanics.
+"""Load limits of cups and magnets: how several share a load, and when one of them releases. Mechanics only.
 
 Loads are those of the workpiece on the gripper, in the tool frame at the TCP: +z pulls the workpiece off.
 """
@@ -20,16 +20,16 @@ Limit = Literal["normal", "shear", "moment"]
 class Hold:
     """One cup or magnet that holds a workpiece.
 
-    What presses it on, `force` less the pull, must carry everything else: friction the shear and the torsion, and the
-    pressure under the rim the bending, until the rim lifts off on one side.
+    The contact force is `force` minus the pull. Its friction carries shear and torsion; the pressure under the rim
+    carries bending, until the rim lifts off on one side.
 
     Attributes:
         centre: (x, y) in the tool frame [m].
         radius: of the rim or face [m].
         force: [N] that presses the workpiece on when nothing pulls.
         friction: coefficient between rim and workpiece.
-        tilt_lever: [m] bending moment at which the rim lifts off, for each newton that presses.
-        twist_lever: [m] of friction against torsion.
+        tilt_lever: [m] bending moment at which the rim lifts off, per newton of contact force.
+        twist_lever: [m] lever of friction against torsion.
     """
 
     centre: tuple[float, float]
@@ -40,7 +40,7 @@ class Hold:
     twist_lever: float
 
     def use(self, load: Array) -> dict[Limit, float]:
-        """Share of each limit that a load (6,) (force [N], moment about the centre [N m]) takes; lost above 1.
+        """Load (6,) (force [N], moment about the centre [N m]) over limit, for each limit; the hold is lost above 1.
 
         Shear and torsion are carried by the same friction, hence together.
         """
@@ -54,9 +54,9 @@ class Hold:
         return {"normal": normal, "shear": float(shear), "moment": float(moment)}
 
     def lost_by(self, load: Array) -> Limit | None:
-        """The limit that a load (6,) passes, None where it holds; of several, the one that would be passed first.
+        """The limit that a load (6,) exceeds, None where it holds; of several, the one that is reached first.
 
-        The pull weakens all the others, so these are compared as if nothing pulled.
+        The pull lowers all other limits, so these are compared as if there were no pull.
         """
         use = self.use(load)
         if max(use.values()) <= 1.0:
@@ -69,7 +69,7 @@ def share(force: Array, moment: Array, holds: Sequence[Hold]) -> Array:
     """Loads (n, 6) on each hold of a load (force (3,) [N], moment (3,) [N m] about the TCP) on all of them.
 
     A rigid workpiece on equal elastic rims: each rim is a ring of springs, as stiff along z as across, so the workpiece
-    moves by one small translation and rotation, and every rim carries what its own deflection asks for.
+    moves by one small translation and rotation, and every rim carries the force of its own deflection.
     """
     n = len(holds)
     stiffness = np.zeros((n, 6, 6))  # of each, against translation and rotation at the TCP

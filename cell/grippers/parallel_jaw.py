@@ -30,12 +30,12 @@ class Groove(Config):
 
     @property
     def depth(self) -> float:
-        """Of the cut, in [m]."""
+        """Depth of the groove in [m]."""
         return self.height / 2 / float(np.tan(np.deg2rad(self.half_angle_deg)))
 
 
 class PadConfig(Config):
-    """A face that gives way: stiffness and damping of each of its contact points."""
+    """A compliant face: stiffness and damping of each of its contact points."""
 
     stiffness: Positive = Field(description="[N/m]")
     damping: Positive = Field(description="[N s/m]")
@@ -48,7 +48,7 @@ class JawConfig(ToolConfig):
     max_opening: Small = Field(description="[m] between the pads")
     finger_size: tuple[Small, Small, Small] = Field(description="[m] thickness along x, width along y, length along z")
     groove: Groove | None = Field(None, description="V along y in each face, for round parts across the jaws")
-    pad: PadConfig | None = Field(None, description="faces that give way; hard ones when left out")
+    pad: PadConfig | None = Field(None, description="compliant faces; hard ones when left out")
     finger_mass: float = Field(gt=0, description="[kg] of each")
     force: float = Field(gt=0, le=1000, description="[N] of each pad")
     speed: float = Field(gt=0, le=2, description="[m/s] of each finger")

@@ -1,4 +1,4 @@
-"""Grippers by name: each YAML file has a `kind`, which says what else must stand in it."""
+"""Grippers by name: the `kind` in each YAML file decides which other fields it has."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def list_grippers() -> list[str]:
 
 
 def gripper_path(name: str) -> Path:
-    """Where the YAML file of a gripper lies: a shipped one by its name, any by its path."""
+    """Path of the YAML file of a gripper that is given by its shipped name or by a path."""
     return Path(name) if name.endswith((".yaml", ".yml")) else SHIPPED / f"{name}.yaml"
 
 

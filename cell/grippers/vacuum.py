@@ -1,8 +1,8 @@
-"""Vacuum cups: where a lip seals, and what the vacuum under it holds.
+"""Vacuum cups: where a lip seals, and which load its vacuum carries.
 
 Force is pressure times area. The limits of shear, torsion and bending are those of a thin elastic ring that the vacuum
 presses on (Mahler et al., "Dex-Net 3.0", ICRA 2018, section IV; there linearised, here exact): the lip slips when
-friction is used up, and lifts off on one side when bending outweighs the pressure, at (F - N) r / 2.
+friction is exceeded, and lifts off on one side when the bending moment exceeds (F - N) r / 2.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class VacuumConfig(OneSidedConfig):
 
     kind: Literal["vacuum"] = Field(description="cups")
     effective_diameter: Small = Field(description="[m] of the area under vacuum")
-    pressure: float = Field(gt=0, le=101_325, description="[Pa] below that of the air")
-    flatness: Fine = Field(0.001, gt=0, description="[m] peak to peak that the lip evens out along the rim")
+    pressure: float = Field(gt=0, le=101_325, description="[Pa] below atmospheric pressure")
+    flatness: Fine = Field(0.001, gt=0, description="[m] peak-to-peak unevenness that the lip still seals")
     sprung_alone: bool = Field(
-        False, description="each cup has a spring of its own: one over a lower place still touches, within the travel"
+        False, description="each cup has its own spring: a cup above a lower place still touches, within the travel"
     )
-    normal_deg: float = Field(15.0, gt=0, lt=90, description="farthest that the surface may lean from the cup's axis")
+    normal_deg: float = Field(15.0, gt=0, lt=90, description="largest angle of the surface normal to the cup's axis")
 
     def build(self) -> VacuumGripper:
         """The gripper."""
@@ -54,7 +54,7 @@ class VacuumGripper(OneSidedGripper):
 
     @property
     def force(self) -> float:
-        """Of each sealed cup in [N]."""
+        """Holding force of each sealed cup in [N]."""
         return float(self.pressure * np.pi * self.effective_diameter**2 / 4)
 
     def take(
@@ -78,10 +78,9 @@ class VacuumGripper(OneSidedGripper):
     def seal(self, rim: Surface, inner: Surface, around: Array, reach: float = TOUCH) -> Seal:
         """Why a lip whose rim lies over points `around` (n, 2) does not seal; empty where it does.
 
-        `reach` [m] is how far from the faces' plane the lip may still lie on the workpiece.
+        `reach` [m] is the largest distance between the plane of the faces and a surface that the lip touches.
 
-        `leaking`: a ray within the lip passes by the workpiece, as through a hole. A pocket without a way out is
-        sealed by its rim.
+        `leaking`: a ray within the lip misses the workpiece, as through a hole. A closed pocket is sealed by its rim.
         """
         if (rim.part < 0).all() or rim.gap.min() > reach:
             return "no_contact"

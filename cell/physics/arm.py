@@ -1,4 +1,4 @@
-"""The arm with its gripper: one articulated body whose joints are servoed and whose fingers or faces give way."""
+"""The arm with its gripper: one articulated body with servo joints and compliant fingers or faces."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from pickproof.cell.physics.breakable_joint import Connection
 from pickproof.cell.physics.world import World, engine_friction
 
 GEAR_FORCE = 1e4  # [N] that keeps the fingers symmetric
-LOCK_FORCE = 2e3  # [N] that the slide of cups or magnets withstands while they hold: evacuated bellows are solid
+# [N] largest force on the locked slide of cups or magnets while they hold: evacuated bellows are stiff
+LOCK_FORCE = 2e3
 
 
 class Arm:
@@ -29,7 +30,7 @@ class Arm:
         body: PyBullet's body id; used within `cell` only.
         gripper: what is mounted.
         joint_names: order of every q.
-        connections: workpieces that cups or magnets have taken; see `cell.physics.grip`.
+        connections: workpieces that cups or magnets hold; see `cell.physics.grip`.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class Arm:
     def reset(self, q: ArrayLike, opening: float | None = None) -> None:
         """Put the arm at joint angles q (n,) [rad] at rest, its pads `opening` [m] apart (all the way by default).
 
-        What cups or magnets held stays behind.
+        A workpiece held by cups or magnets is released at its place.
         """
         q = self._checked(q)
         self.let_go()
@@ -129,11 +130,12 @@ class Arm:
     def command(self, q: ArrayLike) -> None:
         """Set the servo's target (n,) [rad] for the next step.
 
-        With kp = kd = 1 and target velocity 0 the motor constraint asks for (target - q) / dt, so the target is
-        reached in one step; a feed-forward velocity would count twice. The torque is limited to the URDF's effort.
+        With kp = kd = 1 and target velocity 0 the motor constraint sets the velocity (target - q) / dt, so the target
+        is reached in one step; a feed-forward velocity would be added twice. The torque is limited to the URDF's
+        effort.
 
         Raises:
-            SimulationError: a target is not finite (one NaN would poison the arm for good).
+            SimulationError: a target is not finite (after one NaN the arm never recovers).
         """
         n = len(self._joints)
         self.world.client.setJointMotorControlArray(
@@ -161,7 +163,7 @@ class Arm:
         )
 
     def hold_jaws(self, opening: float) -> None:
-        """Servo the pads to `opening` [m] apart at the gripper's speed and at most its force; without jaws, nothing."""
+        """Servo the pads to `opening` [m] at the gripper's speed and at most its force; no effect without jaws."""
         half = float(self._checked([opening])[0]) / 2
         if not isinstance(self.gripper, ParallelJaw):
             return
@@ -179,7 +181,7 @@ class Arm:
             )
 
     def attach(self, connection: Connection) -> None:
-        """Take a workpiece by cups or magnets; their slide is locked where it is while they hold any."""
+        """Attach a workpiece to cups or magnets; their slide is locked in place while they hold any."""
         self.connections.append(connection)
         self._lock = self.travel
         self._drive_slide()
@@ -220,7 +222,7 @@ class Arm:
         return from_quat_xyzw(state[4], state[5]) @ self.gripper.T_flange_tool
 
     def face_pose(self) -> Array:
-        """T_world_tool (4, 4) of the TCP as far as the faces of cups or magnets have given way."""
+        """T_world_tool (4, 4) of the TCP, moved by the compression of the springs behind cups or magnets."""
         return self.tool_pose() @ make_transform(t=(0.0, 0.0, -self.travel))
 
     def _gear(self) -> None:
@@ -232,11 +234,11 @@ class Arm:
 
     @property
     def travel(self) -> float:
-        """How far the faces of cups or magnets have given way in [m]."""
+        """Compression in [m] of the springs behind the faces of cups or magnets."""
         return float(self.world.client.getJointState(self.body, self._fingers[0])[0])
 
     def _after_step(self) -> None:
-        """Check what is held, and set the force of the spring behind the faces for the next step."""
+        """Check the connections, and set the force of the spring behind the faces for the next step."""
         for connection in self.connections:
             connection.check()
         self._drive_slide()

@@ -20,8 +20,8 @@ Shape = CollisionBox | CollisionCylinder
 def merged_urdf(urdf: Path, gripper: Gripper, flange: str) -> str:
     """The text of `urdf` with the gripper fixed to link `flange`.
 
-    What touches workpieces hangs on prismatic joints named `<link>_joint`; a finger's is 0 when its pad is at the
-    centre, that of cups or magnets when their spring is at rest.
+    The links that touch workpieces have prismatic joints named `<link>_joint`. The joint of a finger is 0 when its pad
+    is at the centre, the joint of cups or magnets when their spring is at rest.
 
     Raises:
         InputError: the file is missing or not XML, or has no such link.

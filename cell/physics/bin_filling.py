@@ -1,4 +1,4 @@
-"""Filling a bin: workpieces fall in seeded order through a chute, settle, and the chute is taken away."""
+"""Filling a bin: workpieces fall in seeded order through a chute and settle; then the chute is removed."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class Heap:
 def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.random.Generator) -> Heap:
     """Drop `count` workpieces into `bin` and wait until they rest.
 
-    They fall three at a time, each through its own layer, with uniform random rotation, once the three before have
-    cleared the layers: two bodies put into one another would stay jammed. The chute keeps bouncing parts from
-    leaving, as the funnel of a real filling station does. A workpiece longer than the bin is wide falls in lying
-    along it.
+    Three workpieces fall at a time, each from its own layer and with uniform random rotation, after the three before
+        have left the layers: bodies that start interpenetrating stay jammed. The chute keeps bouncing workpieces from
+            leaving the bin, as the funnel of a real filling station does. A workpiece longer than the bin's width falls
+            in aligned with the bin.
 
     Raises:
         SimulationError: the heap does not come to rest within 8 s of simulated time.
@@ -54,25 +54,26 @@ def fill_bin(world: World, workpiece: Workpiece, bin: Bin, count: int, rng: np.r
         world.add_part(workpiece, bin.T_world_bin @ pose)
         if i % LAYERS == LAYERS - 1:
             world.run(fall)
-    rested = world.run_until_rest(8.0, sleep=False)  # parts that lean on the chute are to fall, not to sleep
+    # no sleep: workpieces that lean on the chute must fall when it is removed
+    rested = world.run_until_rest(8.0, sleep=False)
     for box in chute:
         world.remove_box(box.name)
     world.run(0.05)
     if not (rested and world.run_until_rest(4.0)):
-        raise SimulationError(f"{count} x {workpiece.name} do not come to rest in the bin")
+        raise SimulationError(f"{count} x {workpiece.name} do not come to rest in the bin; use fewer or a larger bin")
     Ts = world.part_poses()[first:]
     return Heap(Ts, bin.contains(Ts[:, :3, 3], above=reach))
 
 
 def _top(world: World, bin: Bin, first: int, extents: Array) -> float:
-    """Height [m] over the bin's floor of the highest of the workpieces from index `first` on, as boxes of `extents`."""
+    """Height [m] over the bin's floor of the highest workpiece from index `first` on, each a box of `extents`."""
     Ts = world.part_poses()[first:]
     heights = Ts[:, 2, 3] - bin.position[2] + np.abs(Ts[:, 2, :3]) @ extents / 2
     return float(heights.max(initial=0.0))
 
 
 def _lying_pose(centre: tuple[float, float, float], extents: Array, bin: Bin, rng: np.random.Generator) -> Array:
-    """A random pose in the bin's frame, of those in which a box of `extents` fits between the walls and lies flat."""
+    """A random pose in the bin's frame in which a box of `extents` lies flat and fits between the walls."""
     room = np.array([bin.inner[0], bin.inner[1], CHUTE_HEIGHT / 2]) - 0.01
     for _ in range(20_000):
         pose = random_pose(centre, (0.0, 0.0), rng)

@@ -1,9 +1,9 @@
-"""A workpiece on cups or magnets: a connection whose load is read after every step, and that can fail.
+"""A breakable connection of a workpiece to cups or magnets; its load is read after every step.
 
-A fixed constraint carries the workpiece; PyBullet's own `maxForce` would saturate instead of breaking. Its reaction is
-shared among the cups (`cell.grippers.one_sided_hold`), each of which comes off as soon as its share is above one of its
-limits; with
-the last one the constraint goes. Faces and workpiece do not collide meanwhile, or contact and constraint would fight.
+A fixed constraint carries the workpiece; PyBullet's own `maxForce` saturates instead of breaking. The reaction is
+shared among the cups (`cell.grippers.one_sided_hold`). A cup releases as soon as its share exceeds one of its limits;
+the constraint is removed with the last one. Collisions between faces and workpiece are off meanwhile, since contact and
+constraint would act against each other.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pickproof.cell.grippers.one_sided_hold import Hold, Limit, share
 from pickproof.cell.physics._pybullet import pybullet
 from pickproof.cell.physics.world import World
 
-STIFF = 1e5  # [N] that the constraint may carry: more than any hold
+STIFF = 1e5  # [N] largest force of the constraint: more than any hold carries
 
 
 class Connection:
@@ -25,8 +25,8 @@ class Connection:
 
     Attributes:
         part: index of the workpiece.
-        holds: those that have not come off; none when the workpiece is lost.
-        lost: limits that were passed, in order.
+        holds: cups or magnets that still hold; none when the workpiece is lost.
+        lost: limits that were exceeded, in order.
         use: largest share of each limit so far of any hold while it held.
         load: (6,) force [N] and moment [N m] of the workpiece on the gripper after the last step, in the tool frame at
             the TCP.
@@ -66,11 +66,11 @@ class Connection:
 
     @property
     def alive(self) -> bool:
-        """Whether it holds."""
+        """Whether at least one cup or magnet holds."""
         return bool(self.holds)
 
     def check(self) -> None:
-        """Read the reaction of the last step and let go of what is too much; call it after every step."""
+        """Read the reaction of the last step and release every hold above its limit; call it after every step."""
         if not self.holds:
             return
         reaction = np.array(self._world.client.getConstraintState(self._id))  # force in world axes
@@ -93,7 +93,7 @@ class Connection:
             self._cut()
 
     def release(self) -> None:
-        """Let go on purpose."""
+        """Release the workpiece on command."""
         if self.holds:
             self.holds = []
             self._cut()
@@ -106,6 +106,6 @@ class Connection:
         self._world.wake(self.part)
 
     def _link_pose(self) -> Array:
-        """T_world_link (4, 4) of the link's centre of mass, which is what constraints are given in."""
+        """T_world_link (4, 4) of the link's centre of mass; PyBullet defines constraints in that frame."""
         state = self._world.client.getLinkState(self._body, self._link, computeForwardKinematics=True)
         return from_quat_xyzw(state[0], state[1])

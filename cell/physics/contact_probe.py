@@ -9,12 +9,12 @@ from pickproof.cell.grippers.one_sided import Surface
 from pickproof.cell.physics.world import World
 from pickproof.cell.workpiece.workpiece import Workpiece
 
-START = 0.004  # [m] behind the plane of the faces at which rays start: their shapes may stand in the CAD by a hair
-REACH = 0.05  # [m] in front of it at which they end
+START = 0.004  # [m] start of the rays behind the plane of the faces, whose shapes may penetrate the CAD slightly
+REACH = 0.05  # [m] end of the rays in front of that plane
 
 
 def probe(world: World, T_world_tool: Array, points_tool: Array) -> Surface:
-    """What rays along tool z hit from points (n, 2) [m] of the tool's xy plane."""
+    """Hits of rays along tool z from points (n, 2) [m] of the tool's xy plane."""
     n = len(points_tool)
     gap, cosine, part = np.full(n, np.inf), np.zeros(n), np.full(n, -1)
     far = float(np.linalg.norm(points_tool, axis=1).max(initial=0.0)) + REACH
@@ -29,7 +29,7 @@ def probe(world: World, T_world_tool: Array, points_tool: Array) -> Surface:
 
 
 def probe_part(workpiece: Workpiece, T_part_tool: Array, points_tool: Array) -> Surface:
-    """The same against one workpiece alone, as part 0."""
+    """Hits of the same rays on one workpiece alone, as part 0."""
     n, way = len(points_tool), T_part_tool[:3, 2]
     origins = apply(T_part_tool, np.column_stack([points_tool, np.full(n, -START)]))
     hits = workpiece.caster.cast(origins, np.tile(way, (n, 1)))

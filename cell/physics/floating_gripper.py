@@ -1,7 +1,6 @@
-"""A gripper that goes anywhere: carried by three slides, then yaw, pitch and roll, with nothing that could collide.
+"""A gripper without an arm: three prismatic joints, then yaw, pitch and roll; only the gripper can collide.
 
-It stands in for the arm where the arm is not the question: in trials of grasps, in the grasp oracle, and as motion
-oracle.
+It replaces the arm where arm motion is not under test: in grasp trials, the grasp oracle and the motion oracle.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ TURNING = 40.0  # [rad/s2] of yaw, pitch and roll
 
 
 def floating_arm(world: World, gripper: Gripper) -> Arm:
-    """The gripper on three slides at the world's origin."""
+    """The floating gripper, its prismatic joints at the world's origin."""
     return Arm(world, URDF, JOINTS, gripper)
 
 
@@ -51,7 +50,7 @@ def floating_line(q0: Array, q1: Array, acceleration: float, dt: float) -> Array
     """Straight from rest at q0 to rest at q1 (6,) with a quintic motion profile; (n, 6), the start left out.
 
     Args:
-        acceleration: largest of the flange in [m/s2]; TURNING is that of the turns.
+        acceleration: largest linear acceleration of the flange in [m/s2]; TURNING limits the rotations.
     """
     far = max(np.linalg.norm(q1[:3] - q0[:3]) / acceleration, float(np.abs(q1[3:] - q0[3:]).max()) / TURNING)
     duration = np.sqrt(10 / np.sqrt(3) * far)

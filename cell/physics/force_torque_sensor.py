@@ -1,8 +1,8 @@
-"""A force sensor between flange and gripper: what hangs on the arm at rest, without looking at what it is.
+"""A force sensor between flange and gripper: measures the carried mass at rest, without ground truth.
 
-Of a jaw it is worked out from the contact forces on the gripper, which at rest is in balance: in one firm grip of a
-bolt of 12.4 N PyBullet's own reaction at the joint read 40 N along the closing direction, the contacts 12.3 N. Of cups
-and magnets it is that reaction.
+For a jaw, the force is the sum of the contact forces on the gripper, which is in equilibrium at rest. PyBullet's own
+joint reaction is not used: with a gripped bolt of 12.4 N it read 40 N along the closing direction, and the contacts
+    12.3 N. For cups and magnets it is the joint reaction.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from pickproof.cell.physics.arm_urdf import BODY
 from pickproof.cell.physics.trajectory_execution import MotionLog, wait
 from pickproof.cell.physics.world import GRAVITY, World
 
-QUIET = 0.25  # [s] without swinging, after which a reading is not continued: heavy parts pull once in 0.2 to 0.3 s
-PATIENCE = 1.2  # [s] at most for which something that swings is watched
-FILTER = 4  # steps that are taken together: contacts alternate from one step to the next
+QUIET = 0.25  # [s] without swinging after which a reading ends: heavy parts swing with periods of 0.2 to 0.3 s
+PATIENCE = 1.2  # [s] longest reading of a workpiece that swings
+FILTER = 4  # steps averaged together: contacts alternate from one step to the next
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What the wrist felt while the arm stood still.
+    """A reading of the sensor while the arm stood still.
 
     Attributes:
         mass: that the gripper carries in [kg], from the mean force.
@@ -39,9 +39,9 @@ class Reading:
 
 
 def weigh(world: World, arm: Arm, seconds: float) -> Reading:
-    """Mass that the gripper carries, from the mean weight at the wrist while the arm stands still for `seconds`.
+    """Carried mass, from the mean vertical force at the wrist while the arm stands still for `seconds`.
 
-    Whichever way the tool points, the gripper's own is taken off. Something that is held and also leans on the heap
+    The gripper's own weight is subtracted for any orientation of the tool. A held workpiece that also leans on the heap
     weighs less.
     """
     weights, log = _read(world, arm, seconds)
@@ -49,9 +49,9 @@ def weigh(world: World, arm: Arm, seconds: float) -> Reading:
 
 
 def weigh_swinging(world: World, arm: Arm, steady: float, quiet: float = QUIET) -> Reading:
-    """As `weigh`, for something that may swing: until it has hung for `quiet` with a spread of at most `steady` [kg].
+    """As `weigh` for a workpiece that may swing: reads until the spread was at most `steady` [kg] for `quiet` [s].
 
-    After PATIENCE the mean over whole periods of what still swings is taken.
+    If it still swings after PATIENCE, the mean over whole periods is used.
     """
     weights, log = np.zeros(0), MotionLog()
     while log.time < PATIENCE:
@@ -65,8 +65,8 @@ def weigh_swinging(world: World, arm: Arm, steady: float, quiet: float = QUIET) 
 def whole_periods(weights: Array) -> Array:
     """The vertical forces (n,) between the first and the last time that they rise through their mean.
 
-    Over a period the momentum of what swings returns to itself, so the mean force on it is its weight, however far it
-    swings; for a moment it may be three times that. All forces where there is no whole period.
+    Over one period the momentum of a swinging body does not change, so the mean force is its weight at any amplitude;
+    the instantaneous force can be three times that. Returns all forces where there is no whole period.
     """
     over = weights >= weights.mean()
     rises = np.flatnonzero(~over[:-1] & over[1:]) + 1
@@ -83,11 +83,12 @@ def _spread(weights: Array) -> float:
 
 
 def _read(world: World, arm: Arm, seconds: float) -> tuple[Array, MotionLog]:
-    """What hangs on the gripper (n,) in [N], after each step."""
+    """Weight (n,) in [N] carried by the gripper, after each step."""
     steps, log = max(round(seconds / world.dt), 1), MotionLog()
     forces = np.zeros((steps, 3))
     jaw, body = isinstance(arm.gripper, ParallelJaw), _body(arm)
-    if not (jaw or any(world.client.getJointState(arm.body, body)[2])):  # each time it is switched on it prints a line
+    # PyBullet prints a line each time it is switched on
+    if not (jaw or any(world.client.getJointState(arm.body, body)[2])):
         world.client.enableJointForceTorqueSensor(arm.body, body, True)
     for step in range(steps):
         log += wait(world, arm, world.dt)
@@ -101,7 +102,7 @@ def _read(world: World, arm: Arm, seconds: float) -> tuple[Array, MotionLog]:
 def _contacts(world: World, arm: Arm, body: int) -> Array:
     """Force (3,) in [N] in world axes, normal and friction, of all that touches the gripper.
 
-    Asked for one body, PyBullet turns normals to point at it, but not friction; asked for all, it turns neither.
+    In a query for one body, PyBullet turns the normals towards it, but not friction; in a query for all, neither.
     """
     links, total = {body, *arm.finger_links}, np.zeros(3)
     for c in world.client.getContactPoints():

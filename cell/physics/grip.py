@@ -18,7 +18,7 @@ from pickproof.cell.physics.world import World
 
 @dataclass(frozen=True)
 class Grip:
-    """What came of taking or letting go.
+    """Result of gripping or releasing.
 
     Attributes:
         parts: indices of the workpieces that are held.
@@ -32,7 +32,7 @@ class Grip:
 
 
 def grip(world: World, arm: Arm) -> Grip:
-    """Close the jaws, or switch on vacuum or magnet where the arm stands."""
+    """Close the jaws, or switch on vacuum or magnet, at the current pose of the arm."""
     if isinstance(arm.gripper, ParallelJaw):
         jaws = close_jaws(world, arm)
         return Grip(jaws.parts, jaws.log)

@@ -1,4 +1,4 @@
-"""Ground truth for judging outcomes: where every workpiece is, and whether it lies still."""
+"""Ground truth for judging outcomes: pose of every workpiece, and whether it is at rest."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def observe(world: World, bins: Sequence[Bin], above: float = ABOVE_RIM) -> Snap
 
 
 def _on_rim(world: World, bins: Sequence[Bin], Ts_world_part: Array) -> tuple[int, ...]:
-    """Workpieces that touch the top of a wall; looked up anew, since Bullet keeps no contacts of what sleeps."""
+    """Workpieces that touch the top of a wall; computed again, since Bullet keeps no contacts of sleeping bodies."""
     found = set()
     for bin in bins:
         rim = bin.position[2] + bin.inner[2]

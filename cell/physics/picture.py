@@ -14,7 +14,7 @@ BACKGROUND = (0.93, 0.94, 0.96)
 TABLE = (0.80, 0.78, 0.74, 1.0)
 BINS = ((0.27, 0.45, 0.62, 1.0), (0.33, 0.56, 0.44, 1.0), (0.58, 0.47, 0.62, 1.0))
 GOLDEN = 0.618033988749895
-"""Hues a golden ratio apart stay distinct however many there are."""
+"""Distinct colours: hues spaced by the golden ratio, for any number of workpieces."""
 
 
 def cell_picture(

@@ -1,6 +1,6 @@
-"""Running a joint trajectory in the physics and watching what the arm touches.
+"""Execution of joint trajectories in the physics, with a log of all contacts of the arm.
 
-Contacts are read after every single step: a step is 2 ms, so no impact falls between two readings.
+Contacts are read after every step of 2 ms, so every impact is recorded.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from pickproof.cell.grippers.parallel_jaw import ParallelJaw
 from pickproof.cell.physics.arm import Arm
 from pickproof.cell.physics.world import World
 
-HELD_FORCE = 0.5  # [N] of each finger on a workpiece that counts as held
+HELD_FORCE = 0.5  # [N] force of each finger from which a workpiece counts as held
 STILL = 2e-3  # [m/s] finger speed under which the jaws have stopped
 CLOSE_SETTLE = 0.05  # [s] the fingers must have stood still on a workpiece before it is lifted
-OPEN_SETTLE = 0.02  # [s] the fingers must have stood still before the hand leaves
-CLOSE_EASE, OPEN_EASE = 0.04, 0.02  # [s] longer that closing and opening take than at full speed, measured
-DOZE_EVERY = 48  # steps between looks for workpieces that have come to rest and can sleep
-MAX_ERROR = 0.02  # [rad] following error at which a controller gives up
+OPEN_SETTLE = 0.02  # [s] the fingers must have stood still before the gripper leaves
+CLOSE_EASE, OPEN_EASE = 0.04, 0.02  # [s] measured extra time of closing and opening over motion at full speed
+DOZE_EVERY = 48  # steps between checks for workpieces that have come to rest and can sleep
+MAX_ERROR = 0.02  # [rad] following error at which a controller stops
 
 
 @dataclass
 class MotionLog:
-    """What was seen while a trajectory ran.
+    """Log of a motion: contacts, tracking error and time.
 
     Attributes:
         time: simulated in [s].
@@ -35,9 +35,9 @@ class MotionLog:
         max_force_link, max_force_against: which link, and what it touched; empty when nothing was touched.
         max_finger_force: largest normal force [N] of a static box on a finger.
         touched: names of everything that the arm or the gripper's body touched.
-        rows: of the trajectory that were commanded, the one at which it stopped included.
-        stopped: the trajectory was cut short because `max_force` reached `stop_above`, or because something held the
-            arm back by more than MAX_ERROR.
+        rows: number of commanded rows of the trajectory, including the last one before a stop.
+        stopped: the trajectory ended early because `max_force` reached `stop_above`, or because the tracking error
+            exceeded MAX_ERROR.
     """
 
     time: float = 0.0
@@ -51,7 +51,7 @@ class MotionLog:
     stopped: bool = False
 
     def __add__(self, other: MotionLog) -> MotionLog:
-        """Both motions as one."""
+        """The log of both motions together."""
         harder = self if self.max_force >= other.max_force else other
         return MotionLog(
             time=self.time + other.time,
@@ -88,7 +88,7 @@ def execute(world: World, arm: Arm, q: Array, stop_above: float | None = None) -
 
     Args:
         stop_above: contact force [N] of the arm or the gripper's body at which the motion ends, as a controller's
-            collision guard would do; None to push through.
+            collision guard does; None for no limit.
 
     Raises:
         SimulationError: a target or a joint angle is not finite.
@@ -131,7 +131,7 @@ def open_jaws(
 def jaw_times(jaw: ParallelJaw, opening: float, width: float, released: float) -> tuple[float, float]:
     """Times in [s] of `close_jaws` from `opening` onto a workpiece of `width`, and of `open_jaws` to `released` [m].
 
-    The fingers reach the gripper's speed at once, next to these times; they settle on the workpiece.
+    The time in which the fingers accelerate is neglected; the time in which they settle on the workpiece is included.
     """
     close = (opening - width) / 2 / jaw.speed + CLOSE_EASE + CLOSE_SETTLE
     return close, (released - width) / 2 / jaw.speed + OPEN_EASE + OPEN_SETTLE
@@ -140,9 +140,9 @@ def jaw_times(jaw: ParallelJaw, opening: float, width: float, released: float) -
 def forget_contacts(world: World, arm: Arm) -> None:
     """Drop the contact points between fingers and workpieces, for one step in which these do not collide.
 
-    Bullet keeps a contact point with the world normal it had when it was found. On a part that is carried round with
-    the hand, some end up facing the wrong way, and two that face each other glue it to one finger. Fresh points are
-    found in the next step wherever there is contact.
+    Bullet keeps a contact point with the world normal of the step in which it was found. While a held workpiece turns
+    with the gripper, some of these normals become wrong, and two opposite ones fix the workpiece to one finger. The
+    next step finds new points wherever there is contact.
     """
     touching = [c for link in arm.finger_links for c in world.client.getContactPoints(bodyA=arm.body, linkIndexA=link)]
     pairs = {(c[3], c[2]) for c in touching if c[2] in world.parts}
@@ -154,7 +154,7 @@ def forget_contacts(world: World, arm: Arm) -> None:
 
 
 def wait(world: World, arm: Arm, seconds: float) -> MotionLog:
-    """Let time pass with the arm and the jaws as commanded last."""
+    """Advance the simulation with the last commands of arm and jaws."""
     log = MotionLog()
     for _ in range(round(seconds / world.dt)):
         _step(world)
@@ -205,7 +205,7 @@ def _watch(world: World, arm: Arm, log: MotionLog, counted: bool = True) -> None
     fingers, static = arm.finger_links, world.boxes.values()
     sums: dict[tuple[int, int], float] = {}
     for c in contacts:
-        if c[8] <= 0:  # Bullet also lists pairs that are near but do not touch
+        if c[8] <= 0:  # Bullet also lists pairs that are close but do not touch
             key = (c[3], c[2])
             sums[key] = sums.get(key, 0.0) + c[9]
     for (link, body), force in sums.items():

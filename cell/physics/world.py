@@ -1,10 +1,10 @@
 """The physics: one headless PyBullet client, the static boxes of the cell and the workpieces in it.
 
-Settings are those under which a part held by friction alone does not creep
-(docs/explanation/physics.md): 1/480 s, friction anchors
-on parts and fingers, frictionERP 0.8, deterministic overlapping pairs. Workpieces and boxes are rigid bodies in maximal
-coordinates: as multibodies without joints they cost several times as much. The world is always rebuilt from nothing:
-saveState/restoreState is not exact for compound shapes, and a bad body id is ignored in silence, so neither is used.
+With these settings a workpiece held by friction alone does not creep (docs/explanation/physics.md): 1/480 s, friction
+anchors on parts and fingers, frictionERP 0.8, deterministic overlapping pairs. Workpieces and boxes are rigid bodies in
+maximal
+coordinates: as multibodies without joints they take several times as long. The world is always rebuilt from scratch:
+    saveState/restoreState is not exact for compound shapes and ignores a wrong body id silently.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ REST_ANGULAR = 0.3  # [rad/s]
 
 
 def engine_friction(mu: float) -> float:
-    """The coefficient to give a body of friction `mu`, since Bullet multiplies the two of a contact.
+    """The coefficient to set for a body of friction `mu`, since Bullet multiplies the two of a contact.
 
-    With the square root, the friction of a contact is the geometric mean of its bodies': two steel parts of 0.5 rub at
-    0.5, a steel part at 0.63 on pads of 0.8.
+    With the square root, the friction of a contact is the geometric mean of the two bodies: 0.5 for two steel parts of
+        0.5, and 0.63 for a steel part on pads of 0.8.
     """
     return float(np.sqrt(mu))
 
@@ -46,8 +46,8 @@ class World:
         time: simulated time in [s].
         client: the PyBullet client; used within `cell` only.
         parts: body ids of the workpieces in the order in which they were added; workpieces: what they are.
-        held: indices of workpieces that must not be put to sleep, since a connection moves them and no touch.
-        after_step: called after every single step, in order: what must not be missed, whoever lets time pass.
+        held: indices of workpieces that must stay awake, since a connection moves them and not a contact.
+        after_step: functions that are called after every step, in order, whatever code advances the world.
     """
 
     def __init__(self, dt: float = TIMESTEP, solver_iterations: int = 50) -> None:
@@ -56,7 +56,7 @@ class World:
         self._begin()
 
     def restart(self) -> None:
-        """An empty world at time 0, as if it were a new one; a new client would cost 28 MB that never come back."""
+        """Reset to an empty world at time 0, equal to a new one; a new client would leak 28 MB."""
         self.client.resetSimulation()
         self._begin()
 
@@ -160,7 +160,7 @@ class World:
 
     @contextmanager
     def weightless(self) -> Iterator[None]:
-        """Without gravity for a while: what is let go in the air stays there."""
+        """Gravity off inside this context: a workpiece released in the air stays there."""
         self.client.setGravity(0, 0, 0)
         try:
             yield
@@ -220,7 +220,7 @@ class World:
     def run_until_rest(self, limit: float, sleep: bool = True) -> bool:
         """Advance until every workpiece has been at rest for 100 ms, at most `limit` [s]; then put all to sleep.
 
-        A sleeping workpiece costs next to nothing and wakes with whatever touches it; Bullet's own rule would wait 2 s.
+        A sleeping workpiece needs almost no computation and wakes when touched; Bullet's own rule would wait 2 s.
         """
         quiet = 0
         for _ in range(round(limit / (24 * self.dt))):
@@ -233,20 +233,20 @@ class World:
         return False
 
     def sleep(self) -> None:
-        """Put every workpiece to sleep where it lies."""
+        """Put every workpiece to sleep at its pose."""
         for i, body in enumerate(self.parts):
             if i not in self.held:
                 self.client.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
 
     def wake(self, index: int) -> None:
-        """Wake one workpiece; Bullet wakes by itself only what is touched."""
+        """Wake one workpiece; Bullet itself wakes only touched ones."""
         self.client.changeDynamics(self.parts[index], -1, activationState=pybullet.ACTIVATION_STATE_WAKE_UP)
 
     def unanchor(self, parts: Iterable[int]) -> None:
-        """Take the friction anchors from workpieces that are let go: on a floor they would rock for ever.
+        """Switch off the friction anchors of released workpieces: with them, a workpiece on a floor rocks without end.
 
-        Anchors pull a contact point back to where it was found. In a hand, whose fingers have their own, and in a pile
-        that keeps all from creeping; a workpiece set down askew they drive from edge to edge
+        An anchor pulls a contact point back to where it was found. In the gripper (fingers have their own anchors) and
+        in a heap this prevents creep. A workpiece set down at an angle is driven from edge to edge
         (docs/explanation/physics.md).
         """
         for i in parts:
@@ -255,7 +255,7 @@ class World:
     def doze(self) -> None:
         """Put workpieces to sleep that are at rest now and were at the last call; call it every 100 ms or so.
 
-        Bullet wakes in the next step those whose pile touches anything that moves, the fingers for one.
+        In the next step Bullet wakes those whose heap touches a moving body, such as the fingers.
         """
         quiet = self.at_rest()
         if len(self._quiet) == len(quiet):

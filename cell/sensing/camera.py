@@ -25,7 +25,7 @@ DEPTH_SCHEMA = 1
 DEPTH_STEP = 2.5e-5
 """[m] one count of the 16-bit PNG: 0.025 mm, range 1.64 m."""
 DEPTH_SIGMA = 1.2e-4
-"""[m] noise of a depth frame that does not tell: the class of `structured_light` at 0.85 m."""
+"""[m] noise of a depth frame without a stated one: that of the class `structured_light` at 0.85 m."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Intrinsics:
         return np.stack([(u - self.cx) / self.fx, (v - self.cy) / self.fy, np.ones_like(u, dtype=float)], -1)
 
     def cropped(self, low: np.ndarray, high: np.ndarray, grow: int = 1) -> Intrinsics:
-        """Of the pixels from `low` up to `high` (2,) as (u, v), each made `grow` x `grow` pixels."""
+        """Intrinsics of the pixels from `low` up to `high` (2,) as (u, v), each enlarged to `grow` x `grow` pixels."""
         width, height = (int(x) for x in grow * (np.asarray(high) - low))
-        # the centre of a grown pixel is that of a block
+        # the centre of an enlarged pixel is the centre of its block
         cx, cy = (grow * (c - x) + (grow - 1) / 2 for c, x in zip((self.cx, self.cy), low, strict=True))
         return Intrinsics(width, height, grow * self.fx, grow * self.fy, float(cx), float(cy))
 
@@ -109,7 +109,7 @@ class DepthFrame:
 
     @staticmethod
     def load(path: Path) -> DepthFrame:
-        """Read what `save` wrote.
+        """Read a frame written by `save`.
 
         Raises:
             InputError: a file is missing or not what `save` writes.
@@ -150,8 +150,8 @@ class Render:
         normals: (h, w, 3) float32 unit normals in camera coordinates, on the camera's side; 0 where nothing was hit.
         cos_view: (h, w) cosine between the surface normal and the direction to the camera.
         lit: (h, w) bool: the projector's light reaches the point.
-        reflected: (h, w) length in [m] of the camera's ray from where a workpiece mirrors it to the next surface,
-            infinite where there is none; None where it was not asked for.
+        reflected: (h, w) length in [m] of the camera's ray after a mirror reflection on a workpiece, up to the next
+            surface; infinite where there is none; None where not requested.
     """
 
     depth: Array
@@ -164,11 +164,11 @@ class Render:
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """What is rendered beside the depth.
+    """Options of the render.
 
     Attributes:
         projector_offset: the projector's position in camera coordinates [m]; None for no shadow.
-        reflections: follow the rays that workpieces mirror (one more cast), see `Render.reflected`.
+        reflections: trace the rays reflected by workpieces (one more cast), see `Render.reflected`.
         threads: of the ray caster.
     """
 
@@ -212,7 +212,7 @@ def render(
     points = eye + directions * depth[:, None]
     lit = ~missed
     if options.projector_offset is not None:
-        # from the light towards the surface: free until just before the point
+        # from the light towards the surface: no hit until just before the point
         source = R @ np.asarray(options.projector_offset) + eye
         lit &= caster.cast(source, points - source).t > 1.0 - 1e-3
     reflected = None
@@ -243,7 +243,7 @@ def _scene(vertices: Array, faces: np.ndarray, Ts: Array, boxes: Sequence[Box]) 
 
 
 def _reflect(caster: RayCaster, points: Array, directions: Array, normals: Array, chosen: np.ndarray) -> Array:
-    """Lengths (n,) of the mirrored rays of the chosen pixels up to the next surface, infinite elsewhere."""
+    """Lengths (n,) of the reflected rays of the chosen pixels up to the next surface, infinite elsewhere."""
     d, n = directions[chosen], normals[chosen]
     d = d / np.linalg.norm(d, axis=1, keepdims=True)
     lengths = np.full(len(points), np.inf)

@@ -24,8 +24,8 @@ from pickproof.cell.workpiece.optics import Optics
 
 PRESETS = Path(__file__).resolve().parent / "cameras"
 EDGE_SLOPE = 4.0
-"""A change of slope, in depth per lateral distance, that a crease may have before it counts as an edge."""
-BOUNCE_REACH = 0.03  # [m] at which light that bounced is half as likely to win over direct light
+"""Largest change of slope (depth per lateral distance) of a crease that does not count as an edge."""
+BOUNCE_REACH = 0.03  # [m] path at which reflected light is half as likely to exceed direct light
 BOUNCE_LIMIT = 0.05  # [m] error beyond which the camera itself rejects a pixel
 
 
@@ -51,7 +51,7 @@ class SensorConfig(Config):
     axial_sigma: Sigma = Field(1.2e-4, description="[m] standard deviation at 1 m, grows with z^2")
     axial_floor: Sigma = Field(3e-5, description="[m] part that does not depend on depth")
     correlated_share: float = Field(0.5, ge=0, le=1, description="of the variance that neighbouring pixels share")
-    correlation_length: float = Field(2.0, gt=0, le=50, description="[pixel] at which that share falls to 1/e")
+    correlation_length: float = Field(2.0, gt=0, le=50, description="[pixel] distance at which that share falls to 1/e")
     lateral_sigma: float = Field(0.3, ge=0, le=3, description="[pixel] jitter of the sampled position")
     grazing_deg: float = Field(80.0, gt=30, le=90, description="[deg] incidence beyond which pixels go missing")
     edge_jump: Fine = Field(0.004, gt=0, description="[m] departure from a plane that counts as an edge")
@@ -84,7 +84,7 @@ class SensorConfig(Config):
 
     @staticmethod
     def of_preset(name: str) -> SensorConfig:
-        """A camera class as it stands in cell/sensing/cameras/."""
+        """Load a camera class from cell/sensing/cameras/."""
         return SensorConfig.model_validate({"preset": name})
 
     @property
@@ -102,7 +102,7 @@ class SensorConfig(Config):
 
 
 def random_sensor(rng: np.random.Generator) -> SensorConfig:
-    """A camera for training: mostly near `structured_light`, a quarter near `stereo`, a wide range around either."""
+    """A random camera for training: 3 of 4 near `structured_light`, 1 of 4 near `stereo`, with a wide range."""
     base = SensorConfig.of_preset("stereo" if rng.random() < 0.25 else "structured_light")
     return SensorConfig.model_validate(
         {
@@ -159,7 +159,7 @@ def measure(
 
 
 def _expected_sigma(measured: np.ndarray, sensor: SensorConfig) -> float:
-    """What the data sheet says for the distance at which most was measured."""
+    """Standard deviation [m] of the data sheet at the median measured distance."""
     seen = measured[measured > 0]
     return float(sensor.sigma_at(np.median(seen))) if len(seen) else DEPTH_SIGMA
 
@@ -225,7 +225,7 @@ def received_intensity(render: Render, intrinsics: Intrinsics, baseline: float, 
 
 
 def _returned(intensity: np.ndarray, sensor: SensorConfig) -> np.ndarray:
-    """Probability (h, w) that a pixel is neither too dark nor saturated: half at the limits, sure a factor 2 inside."""
+    """Probability (h, w) that a pixel is neither too dark nor saturated: 0.5 at a limit, 1 a factor of 2 inside."""
     dark = np.log2(np.maximum(intensity, np.float32(1e-9)) / max(sensor.min_intensity, 1e-12))
     bright = np.log2(sensor.max_intensity / np.maximum(intensity, np.float32(1e-9)))
     return np.clip(np.float32(0.5) * (1 + np.minimum(dark, bright)), 0.0, 1.0)
@@ -239,10 +239,10 @@ def _interreflected(
     optics: Optics,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth with pixels that decode the pattern of the point Q they mirror, and which of them the camera rejects.
+    """Depth where pixels decode the pattern of the reflected point Q, and which of them the camera rejects.
 
     The camera triangulates its own ray with the projector's plane through a point between the pixel's and Q's: with
-    projector coordinate c = (X - b) / Z, the depth is b / (x - c). Whole spots are hit, not single pixels.
+    projector coordinate c = (X - b) / Z, the depth is b / (x - c). Spots are affected, not single pixels.
     """
     assert render.reflected is not None
     spot = ndtr(smooth_noise(depth.shape, sensor.patch_length, rng))
@@ -265,7 +265,7 @@ def _interreflected(
 
 
 def _jittered(exact: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
-    """Each pixel takes the depth of a position drawn around it."""
+    """Give each pixel the depth of a random position near it."""
     if sigma == 0:
         return exact
     h, w = exact.shape
@@ -297,7 +297,7 @@ def _flying(
 
 
 def _noise(shape: tuple[int, ...], sensor: SensorConfig, rng: np.random.Generator) -> np.ndarray:
-    """Axial noise (h, w) of variance 1: a part for each pixel alone, a part that neighbours share."""
+    """Axial noise (h, w) of variance 1: an independent part per pixel, and a part shared by neighbours."""
     white = rng.standard_normal(shape, dtype=np.float32)
     if sensor.correlated_share == 0:
         return white

@@ -1,1 +1,1 @@
-"""The symmetry of a workpiece, how it is found in a mesh, and pose errors that respect it."""
+"""Symmetry of a workpiece: search in a mesh, and pose errors that respect it."""

@@ -1,4 +1,4 @@
-"""Differences of poses of a workpiece, least over its symmetries."""
+"""Differences of poses of a workpiece, minimised over its symmetries."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from pickproof.cell.symmetry.symmetry import Symmetry
 def point_distances(Ts_true: Array, Ts_pred: Array, points: Array, symmetry: Symmetry) -> Array:
     """Distances (..., n) in [m] of CAD points (n, 3) between poses (..., 4, 4), at the best symmetry (eq. D_i).
 
-    A body of revolution is its axis: with v the points are masked, so turning about the axis costs nothing.
+    For a body of revolution the points are projected on the axis with v, so a rotation about it counts as no
+    difference.
     """
     masked = points * symmetry.v
     Rp, tp = Ts_pred[..., :3, :3], Ts_pred[..., :3, 3]

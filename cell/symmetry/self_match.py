@@ -1,4 +1,4 @@
-"""How well a shape lies on itself after a turn: distances of its moved surface to itself, mesh noise taken off."""
+"""How well a shape matches itself after a rotation: distances of the rotated surface, without mesh noise."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from pickproof.cell.geometry.nearest import Nearest
 
 POINTS, COARSE, SCANNED, CORNERS = 3000, 300, 100, 1500
 PATCH = 10
-"""Points of which the mean is taken; noise of a mesh goes there, and what is part of the shape stays."""
+"""Number of points in a patch; their mean removes mesh noise and keeps features of the shape."""
 NOISE = 5.0
-"""Standard deviations within a patch up to which a single point may be noise."""
+"""Deviation of a single point, in standard deviations of its patch, up to which it counts as noise."""
 STEPS, STILL = 8, 1e-5
-"""Of registration at most, and the step in shares of the radius below which it has come to rest."""
+"""Largest number of registration steps, and the step, as a share of the radius, below which it has converged."""
 TRIMMED = 0.8
-"""Of the points, nearest first, on which a turn is settled: what breaks a symmetry must not pull at its axis."""
+"""Share of the points, nearest first, used in registration: features that break a symmetry must not move its axis."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """How a shape lies on itself: largest distance [m], and the share of its surface beyond the tolerance."""
+    """How a shape matches itself: largest distance [m], and the share of its surface beyond the tolerance."""
 
     residual: float
     share: float
 
 
 class SelfMatch:
-    """A closed mesh in [m], about the point `centre`, that is laid on itself.
+    """A closed mesh in [m] that is compared with itself after rotations about the point `centre`.
 
-    Corners are looked at besides points spread over the surface: a small feature is all corners.
+    Corners are sampled besides points spread over the surface, because a small feature may have no other points.
     """
 
     def __init__(self, mesh: trimesh.Trimesh, centre: Array, tolerance: float) -> None:
@@ -59,7 +59,7 @@ class SelfMatch:
         return float(self._nearest.distances(apply(T, self._spread[:SCANNED])).mean())
 
     def coarse_worst(self, T: Array) -> float:
-        """Distance [m] that all but a fiftieth of a few points keep."""
+        """Distance [m] that 98 % of a few points do not exceed."""
         return float(np.sort(self._nearest.distances(apply(T, self._spread[:COARSE])))[-COARSE // 50])
 
     def measure(self, T: Array) -> Match:
@@ -82,7 +82,7 @@ class SelfMatch:
             along = np.einsum("ij,ij->i", offset, normal)
             kept = np.abs(along) <= np.quantile(np.abs(along), TRIMMED)
             lever = np.cross(moved[kept], normal[kept]) / self.radius
-            # weak directions, along which the shape slides on itself, stay as they are
+            # directions along which the shape slides on itself are not changed
             step = np.linalg.lstsq(np.concatenate([lever, normal[kept]], axis=1), -along[kept], rcond=0.05)[0]
             step[:3] /= self.radius
             angle = float(np.linalg.norm(step[:3]))

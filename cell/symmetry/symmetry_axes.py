@@ -1,8 +1,8 @@
-"""Axes about which a shape can be turned onto itself, found from the mesh alone.
+"""Axes of rotational symmetry of a shape, found from the mesh alone.
 
 An axis of symmetry goes through the centre of mass and is a principal axis of inertia. Where two or three principal
-moments are alike, the turns about that plane's or about all directions are tried, and the best are settled by
-registration of the shape to itself.
+moments are equal, directions in that plane, or all directions, are tried, and the best are refined by registration of
+the shape to itself.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from pickproof.cell.frames import Array, about_axis
 from pickproof.cell.symmetry.self_match import Match, SelfMatch
 
 ALIKE = 0.04
-"""Of the largest principal moment, within which two count as alike."""
+"""Difference of two principal moments, as a share of the largest, up to which they count as equal."""
 ALL, FEW, HALF = tuple(range(60, 1, -1)), (5, 4, 3, 2), (2,)
-"""Orders that are looked for, the highest first; any above is as good as infinite."""
+"""Orders of symmetry that are searched, highest first; a higher order counts as infinite."""
 ANY = np.pi * (3 - np.sqrt(5)) * np.arange(1, 9)
-"""[rad] Turns of the golden angle, which no finite order has."""
+"""[rad] Rotations by multiples of the golden angle, which belong to no finite order."""
 LOOSE = 3.0
-"""Tolerances within which a coarse look still calls for an exact one."""
+"""Coarse distance, in tolerances, up to which an exact check follows."""
 SAME = np.cos(np.deg2rad(4.0))
 SCAN_PLANE, SCAN_SPHERE, KEPT = 90, 500, 8
 
@@ -37,12 +37,12 @@ class Axis:
 
     @property
     def degrees(self) -> float:
-        """d of the project's `Symmetry`; 5 stands for any turn, which is finer than T_s."""
+        """d of `Symmetry` in [deg]; 5 means any rotation, since it is finer than T_s."""
         return 360.0 / self.order if self.order else 5.0
 
 
 def find_axes(shape: SelfMatch, inertia: Array) -> list[Axis]:
-    """All axes of symmetry within the shape's tolerance; one of order 0 and no direction in particular is a ball's.
+    """All axes of symmetry within the shape's tolerance; a ball has one axis of order 0 with arbitrary direction.
 
     Args:
         inertia: (3, 3) about the centre of mass, of any density.
@@ -54,7 +54,7 @@ def find_axes(shape: SelfMatch, inertia: Array) -> list[Axis]:
             worst = [shape.measure(about_axis(a, np.array(t))) for a, t in zip(np.eye(3), ANY[:3], strict=True)]
             return [Axis(a, 0, max(worst, key=lambda m: m.residual)) for a in np.eye(3)]
         directions = [*((d, ALL) for d in [*principal.T, *np.eye(3)]), *((d, FEW) for d in _scan_sphere(shape))]
-    elif near.any():  # an order above two at right angles to the lone axis would make all moments alike
+    elif near.any():  # a perpendicular axis of order above 2 would make all moments equal
         lone = principal[:, 2 if near[0] else 0]
         directions = [(lone, ALL), *((d, HALF) for d in [*_scan_plane(shape, lone), *principal.T])]
     else:
@@ -69,7 +69,7 @@ def find_axes(shape: SelfMatch, inertia: Array) -> list[Axis]:
 
 
 def axis_at(shape: SelfMatch, direction: Array, orders: tuple[int, ...]) -> Axis | None:
-    """The first of some orders about a direction (3,), which is settled on the way; any turn goes first of all."""
+    """The first order that fits about a direction (3,), with the direction refined; any rotation is tried first."""
     if orders == ALL and _any_turn(shape, direction[None]):
         worst = max((shape.measure(about_axis(direction, t)) for t in ANY), key=lambda m: m.residual)
         if worst.residual <= shape.tolerance:
@@ -86,14 +86,16 @@ def axis_at(shape: SelfMatch, direction: Array, orders: tuple[int, ...]) -> Axis
 
 
 def _tries(shape: SelfMatch, direction: Array, order: int) -> list[Array]:
-    """Directions (3,) near one: the axis of the CAD that is meant, itself, and where registration takes it."""
+    """Directions (3,) near the given one: the nearby CAD axis, itself, and the result of registration."""
     nearest = np.eye(3)[int(np.argmax(np.abs(direction)))] * np.sign(direction[np.argmax(np.abs(direction))])
     settled = settled_axis(shape, direction, order)
     return [*([nearest] if nearest @ direction > SAME else []), direction, *([] if settled is None else [settled])]
 
 
 def settled_axis(shape: SelfMatch, direction: Array, order: int) -> Array | None:
-    """The direction (3,) of the turn by one step of an order after registration; None where it went elsewhere."""
+    """The direction (3,) of the turn by one step of an order after registration; None where it converged to another
+    one.
+    """
     T = shape.settle(about_axis(direction, np.array(2 * np.pi / order)))
     turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
     angle = float(np.linalg.norm(turn))
@@ -106,7 +108,7 @@ def settled_axis(shape: SelfMatch, direction: Array, order: int) -> Array | None
 
 
 def order_match(shape: SelfMatch, direction: Array, order: int) -> Match:
-    """The worst match over all turns of an order (their inverses fit as well); stops at the first that fails."""
+    """The worst match over all rotations of an order (inverses fit equally); stops at the first that fails."""
     worst = Match(0.0, 0.0)
     for k in range(1, order // 2 + 1):
         T = about_axis(direction, np.array(2 * np.pi * k / order))

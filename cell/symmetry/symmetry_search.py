@@ -1,8 +1,8 @@
 """The symmetry of a CAD mesh as the project records it, and the frame in which its axes are x, y and z.
 
-d_x, d_y, d_z of the paper name turns about the axes of the part's frame alone, so the frame is chosen such that they
-generate the largest group: the main axis becomes z, one of second order at right angles to it x. A tetrahedron's and an
-icosahedron's whole groups cannot be written so; what is left out is said.
+d_x, d_y, d_z of the paper describe rotations about the axes of the part frame only. So the frame is chosen such that
+they generate the largest group: the main axis becomes z, a perpendicular axis of order 2 becomes x. The full groups of
+    a tetrahedron and an icosahedron cannot be expressed so; the result states what is missing.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from pickproof.cell.symmetry.symmetry_axes import ANY, Axis, find_axes, settled_
 
 Degrees = tuple[float, float, float]
 CONFUSING = 0.15
-"""Share of the surface beyond the tolerance up to which a turn that is no symmetry is one for a hasty eye."""
+"""Share of the surface beyond the tolerance up to which a rotation counts as nearly a symmetry."""
 CLOSE = 4.0
-"""Tolerances of residual up to which it is."""
+"""Residual, in tolerances, up to which a rotation counts as nearly a symmetry."""
 NEAR_ORDERS = (0, 2, 3, 4, 6)
 SNAP = np.deg2rad(0.3)
-"""Between the found axes and those of the CAD, within which those of the CAD are meant."""
+"""Angle between found axes and CAD axes up to which the CAD axes are used."""
 OFF_AXIS = 2e-4
-"""Of the longest side, by which the middle of the bounding box may be beside an axis of symmetry."""
+"""Distance of the bounding box's centre from an axis of symmetry, as a share of the longest side, that counts as 0."""
 PARALLEL, UPRIGHT = np.cos(np.deg2rad(2.0)), np.sin(np.deg2rad(2.0))
 
 
 @dataclass(frozen=True)
 class NearTurn:
-    """A turn that is no symmetry but nearly one: axis (3,) in the part frame, order (0: any turn), how it fits."""
+    """A rotation that is nearly a symmetry: axis (3,) in the part frame, order (0: any angle), how it fits."""
 
     direction: Array
     order: int
@@ -42,14 +42,14 @@ class NearTurn:
 
 @dataclass(frozen=True)
 class FoundSymmetry:
-    """What was found.
+    """Result of the search.
 
     Attributes:
         degrees: d_x, d_y, d_z in [deg]; 5 for any turn.
         T_part_cad: (4, 4) that moves the mesh to the part's frame.
-        match: of the claimed turn that fits worst.
+        match: of the claimed rotation that fits worst.
         tolerance: [m] below which a difference counts as none.
-        near: nearly symmetric turns, the most confusing first.
+        near: rotations that are nearly symmetries, the closest first.
         missing: symmetry of the shape that d_x, d_y, d_z cannot express; empty where there is none.
     """
 
@@ -65,7 +65,7 @@ def find_symmetry(mesh: trimesh.Trimesh, tolerance: float) -> FoundSymmetry:
     """Symmetry of a closed mesh in [m].
 
     Args:
-        tolerance: [m] that perception cannot tell from nothing.
+        tolerance: [m] difference that perception cannot detect.
     """
     centre = np.asarray(mesh.center_mass)
     shape = SelfMatch(mesh, centre, tolerance)
@@ -84,16 +84,18 @@ def find_symmetry(mesh: trimesh.Trimesh, tolerance: float) -> FoundSymmetry:
 
 
 def check_degrees(mesh: trimesh.Trimesh, degrees: Degrees, tolerance: float) -> Match:
-    """How a closed mesh in the part's frame fits a symmetry that a user claims about the origin."""
+    """How a closed mesh in the part frame fits a symmetry about the origin that the user states."""
     shape = SelfMatch(mesh, np.zeros(3), tolerance)
-    # multiples of d even where it is fine enough to count as infinite: teeth are no revolution
+    # multiples of d even where d counts as infinite: a toothed part is no body of revolution
     steps = [about_axis(a, np.deg2rad(d * k)) for a, d in zip(np.eye(3), degrees, strict=True) if d for k in (1, 2, 5)]
     turns = [*(make_transform(R) for R in Symmetry(degrees).S), *steps]
     return max((shape.measure(T) for T in turns), key=lambda m: m.residual)
 
 
 def _frame(axes: list[Axis]) -> tuple[Array, Degrees]:
-    """R_part_cad (3, 3) and degrees of the frame that expresses most; among equals the one nearest to the CAD's."""
+    """R_part_cad (3, 3) and degrees of the frame with the largest group; among equals the one nearest to the CAD
+    frame.
+    """
     if not axes:
         return np.eye(3), (0.0, 0.0, 0.0)
     best: tuple[tuple[int, float], Array, Degrees] | None = None
@@ -103,14 +105,14 @@ def _frame(axes: list[Axis]) -> tuple[Array, Degrees]:
             degrees = tuple(next((a.degrees for a in axes if abs(a.direction @ w) > PARALLEL), 0.0) for w in R)
             try:
                 symmetry = Symmetry(degrees)  # type: ignore[arg-type]
-            except ValueError:  # axes of a larger group than these degrees generate
+            except ValueError:  # these axes belong to a larger group than the degrees generate
                 continue
-            # x or y as the main axis says the same; the project's own workpieces have theirs along z
+            # x or y as the main axis is equivalent; the shipped workpieces have theirs along z
             upright = abs(R[2] @ main.direction) > PARALLEL and main.degrees == min(a.degrees for a in axes)
             rank = (symmetry.size, upright, -round(float(rotation_angle(R)), 3))
             if best is None or rank > best[0]:
                 best = (rank, R, degrees)  # type: ignore[assignment]
-    assert best is not None  # one axis alone always makes a group
+    assert best is not None  # a single axis always generates a group
     return _snapped(best[1]), best[2]
 
 
@@ -133,7 +135,7 @@ def _turned_least(z: Array) -> list[Array]:
 
 
 def _snapped(R: Array) -> Array:
-    """The turn by right angles that is meant, if one is."""
+    """The nearby rotation by right angles, if there is one."""
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         straight = np.eye(3)[list(order)] * np.array(signs)[:, None]
         if np.linalg.det(straight) > 0 and rotation_angle(straight.T @ R) < SNAP:
@@ -153,7 +155,7 @@ def _placed(mesh: trimesh.Trimesh, R: Array, centre: Array, symmetry: Symmetry) 
 
 
 def _near(shape: SelfMatch, axes: list[Axis], R: Array, inertia: Array, symmetry: Symmetry) -> tuple[NearTurn, ...]:
-    """Turns about principal axes, those of the CAD and found ones that confuse, in the part's frame."""
+    """Rotations about principal, CAD and found axes that are nearly symmetries, in the part frame."""
     directions: list[Array] = []
     for direction in [*(a.direction for a in axes), *np.eye(3), *np.linalg.eigh(inertia)[1].T]:
         if not any(abs(direction @ d) > PARALLEL for d in directions):
@@ -169,7 +171,8 @@ def _near(shape: SelfMatch, axes: list[Axis], R: Array, inertia: Array, symmetry
         if settled is None:
             continue
         match = _near_match(shape, settled, order)
-        if match is not None and match.residual > shape.tolerance:  # else it is one that d_x, d_y, d_z cannot express
+        # otherwise it is a symmetry that d_x, d_y, d_z cannot express
+        if match is not None and match.residual > shape.tolerance:
             found.append(NearTurn(R @ settled, order, match))
     found.sort(key=lambda n: (n.match.share, n.match.residual))
     kept: list[NearTurn] = []
@@ -190,12 +193,14 @@ def _is_own(turn: Array, own: Array, symmetry: Symmetry, direction: Array, order
 
 
 def _near_match(shape: SelfMatch, direction: Array, order: int) -> Match | None:
-    """The worst match over the turns of an order; None where one of them would confuse nobody."""
+    """The worst match over the rotations of an order; None where one of them is clearly no symmetry."""
     angles = ANY[:5] if order == 0 else [2 * np.pi / order * k for k in range(1, order // 2 + 1)]
     worst = Match(0.0, 0.0)
     for angle in angles:
         turn = about_axis(direction, np.array(angle))
-        if order:  # what breaks the symmetry moves the centre of mass, and so the axis; any turn would be turned back
+        # the feature that breaks the symmetry moves the centre of mass and the axis; registration would undo any
+        # rotation
+        if order:
             turn = shape.settle(turn)
         match = shape.measure(turn)
         if match.residual > CLOSE * shape.tolerance and match.share > CONFUSING:
@@ -205,12 +210,12 @@ def _near_match(shape: SelfMatch, direction: Array, order: int) -> Match | None:
 
 
 def _within(order: int, other: int) -> bool:
-    """A turn of this order says no more than one of the other."""
+    """Whether a rotation of this order is implied by one of the other order."""
     return other == 0 or (order != 0 and other % order == 0)
 
 
 def _missing(axes: list[Axis], symmetry: Symmetry) -> str:
-    """Axes whose turns are not in the group."""
+    """Axes whose rotations are not in the group."""
     if symmetry.is_sphere or symmetry.infinite_axis is not None:
         return ""
     orders = [axis.order for axis in axes]
@@ -218,7 +223,7 @@ def _missing(axes: list[Axis], symmetry: Symmetry) -> str:
     for order, (name, size) in whole.items():
         if orders.count(order) > 1 and symmetry.size < size:
             return (
-                f"the shape has all {size} turns of a {name}, of which d_x, d_y, d_z can express {symmetry.size}; "
-                "poses that differ by the others will count as different"
+                f"the shape has all {size} rotations of a {name}; d_x, d_y, d_z express {symmetry.size} of them; "
+                "poses that differ by one of the others count as different"
             )
     return ""

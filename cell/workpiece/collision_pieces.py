@@ -28,13 +28,14 @@ MAX_HULL_VERTICES = 128
 LAYER = 1e-4
 """[m] thickness of the middle layer of a thin plate."""
 THICK = 1.25
-"""Margins that the largest ball in a hull must have as its radius."""
+"""Smallest radius of the largest inscribed ball of a hull, in margins."""
 
 OFF_ROUND = 0.003
-"""[m] that the corners of boxes may stand off the cylinder that they cover."""
+"""[m] largest distance of box corners from the cylinder that the boxes cover."""
 LARGE, OFF_HULL, CUTS = 0.012, 0.004, 5
-"""[m] that the corners of one box stand off a hull above which that is cut, [m] that those of the boxes around its cuts
-may, and how often it is halved for that at most."""
+"""[m] corner distance of one box above which its hull is cut; [m] allowed corner distance of the boxes around the
+pieces; largest number of halvings.
+"""
 
 Triple = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -92,7 +93,7 @@ class CollisionHull:
         moved = self.vertices.copy()
         for i in range(len(moved)):
             around = normals[(hull.simplices == i).any(axis=1)]
-            # nearly parallel faces count as one, so a vertex of a round hull moves by the margin and not far more
+            # nearly parallel faces count as one, so that a vertex of a round hull moves by about the margin
             moved[i] -= margin * np.linalg.pinv(around, rcond=0.2) @ np.ones(len(around))
         if (moved @ normals.T + offsets).max() <= -0.5 * margin:
             return moved
@@ -112,7 +113,7 @@ def eroded(vertices: Array, margin: float) -> Array:
         ValueError: the hull is hardly thicker than its margins.
     """
     planes = np.unique(ConvexHull(vertices).equations.round(12), axis=0)
-    # the largest ball inside (Chebyshev's centre): its middle is where the corners are looked for from
+    # the centre of the largest inscribed ball (Chebyshev centre) is the interior point of the search
     ball = linprog((0, 0, 0, -1), A_ub=np.column_stack([planes[:, :3], np.ones(len(planes))]), b_ub=-planes[:, 3],
                    bounds=[(None, None)] * 3 + [(0, None)])  # fmt: skip
     if ball.status != 0 or ball.x[3] < THICK * margin:
@@ -167,10 +168,10 @@ def enclosing_box(piece: Piece) -> tuple[Triple, Array]:
 
 
 def covering_boxes(piece: Piece) -> list[tuple[Triple, Array]]:
-    """Boxes as in `enclosing_box` that together cover a piece and stand off it by OFF_ROUND or OFF_HULL at most.
+    """Boxes as in `enclosing_box` that cover a piece and extend beyond it by OFF_ROUND or OFF_HULL at most.
 
     A polygon of 2 n sides around a circle is the union of n rectangles, each from a side to the one opposite. A large
-    hull is cut in halves until the box around each is close; one of many small hulls gets one box.
+    hull is cut in halves until each box is close enough; a small hull gets one box.
     """
     if isinstance(piece, CollisionHull):
         corners = np.asarray(piece.vertices)
@@ -191,7 +192,7 @@ def _box_around(points: Array) -> tuple[Triple, Array]:
 
 
 def _off(points: Array) -> float:
-    """How far [m] the corners of the box around points (n, 3) stand out of their hull."""
+    """Largest distance [m] of the corners of the box around points (n, 3) from their hull."""
     planes = ConvexHull(points, qhull_options="QJ").equations
     box = np.stack([points.min(axis=0), points.max(axis=0)], axis=1)
     corners = np.stack(np.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
@@ -199,7 +200,7 @@ def _off(points: Array) -> float:
 
 
 def _halved(points: Array, cuts: int) -> list[Array]:
-    """Points (n, 3) of convex solids into which one is cut across its longest side."""
+    """Points (n, 3) of the convex solids that result when one is cut across its longest side."""
     if cuts == 0 or _off(points) <= OFF_HULL:
         return [points]
     hull = ConvexHull(points, qhull_options="QJ")
@@ -218,7 +219,7 @@ def read_hulls(yaml_path: Path, path: Path, scale: float) -> tuple[CollisionHull
     """Hulls from an OBJ file: each of its objects (`o` lines) is the convex hull of its vertices times `scale`.
 
     Raises:
-        InputError: the file is missing or not such a file, or a hull is flat, too thin or has too many vertices.
+        InputError: the file is missing or not an OBJ file, or a hull is flat, too thin or has too many vertices.
     """
 
     def bad(value: object, valid: str) -> InputError:

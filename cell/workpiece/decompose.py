@@ -20,9 +20,9 @@ from pickproof.cell.workpiece.piece_errors import error_bound, piece_errors, pie
 from pickproof.cell.workpiece.prism_pieces import prism_pieces
 
 FULL = 0.97
-"""Share of a piece's volume that the solid fills where that piece stands for all of it."""
+"""Share of its volume that the solid must fill for a single piece to replace it."""
 STEP = (0.0005, 0.03)
-"""[m], and share of the largest radius, by which the radius may change along one cylinder; the larger counts."""
+"""Allowed change of the radius along one cylinder: [m], and share of the largest radius; the larger counts."""
 SLICES, MAX_CYLINDERS = 120, 14
 HULL = 0.75
 """Share of its hull that a solid fills where one hull is tried."""
@@ -44,7 +44,7 @@ SMOOTH = 5e-5
 
 @dataclass(frozen=True)
 class Pieces:
-    """Collision pieces, and how far off they are.
+    """Collision pieces, and their deviation from the solid.
 
     Attributes:
         outside: [m] that the solid sticks out of them at most.
@@ -113,7 +113,7 @@ def _box(mesh: trimesh.Trimesh) -> list[Piece]:
 
 
 def _cylinders(mesh: trimesh.Trimesh) -> list[Piece]:
-    """A stack along z; nothing where the solid is hollow or takes too many."""
+    """A stack of cylinders along z; empty where the solid is hollow or needs too many."""
     points = trimesh.sample.sample_surface(mesh, 40_000, seed=4)[0]
     low, high = mesh.bounds[:, 2]
     edges = np.linspace(low, high, SLICES + 1)
@@ -196,7 +196,7 @@ def _around(corners: Array) -> CollisionBox:
 def _few(vertices: Array) -> Array:
     """The corners of a hull; of more than MAX_CORNERS those that keep nearly all of it.
 
-    From the outermost along the axes on, each next is the one that is farthest outside of those taken before.
+    Starts with the outermost along the axes; each next corner is the one farthest outside the hull of those before.
     """
     corners = vertices[ConvexHull(vertices, qhull_options="QJ").vertices]
     if len(corners) <= MAX_CORNERS:

@@ -1,4 +1,4 @@
-"""Where workpieces are looked for: folders of the user, then those that were registered.
+"""Search path of workpieces: folders of the user, then registered folders.
 
 A workpiece is a folder with a workpiece.yaml; its name is that of the folder. Those of the user are listed in the
 environment variable PICKPROOF_WORKPIECES; `import pickproof` registers the shipped ones.
@@ -15,7 +15,7 @@ _registered: list[Path] = []
 
 
 def register_folder(folder: Path) -> None:
-    """Search a folder of workpiece folders too, after those registered before; once is enough."""
+    """Append a folder of workpiece folders to the search path; repeated calls have no effect."""
     if folder not in _registered:
         _registered.append(folder)
 

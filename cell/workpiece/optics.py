@@ -1,4 +1,4 @@
-"""How a surface returns the projector's light: what decides where an optical sensor sees nothing."""
+"""How a surface reflects the projector's light; this decides where an optical sensor measures nothing."""
 
 from __future__ import annotations
 

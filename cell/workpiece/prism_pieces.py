@@ -1,8 +1,8 @@
 """Convex pieces of a solid that is a stack of straight layers, as gears, profiles and cut plates are.
 
-A layer is a plane figure drawn out along an axis. Figures are covered by convex polygons that may overlap: each
-triangle of the figure grows as far as its hull stays inside, and the fewest of these that cover all are taken. So a
-tooth reaches into its wheel and is no splinter, and the pieces follow the outline to `SLACK`.
+A layer is a plane figure extruded along an axis. Each figure is covered by convex polygons that may overlap: a polygon
+grows from a triangle of the figure as long as its hull stays inside, and the smallest set that covers all is chosen. So
+the piece of a tooth extends into its wheel instead of being a splinter, and the pieces follow the outline to `SLACK`.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ import trimesh
 from pickproof.cell.frames import Array
 
 STRAIGHT = float(np.sin(np.deg2rad(0.6)))
-"""Sine of the angle to the axis, or to the plane across it, up to which a face is straight."""
+"""Sine of the angle to the axis, or to its normal plane, up to which a face counts as straight."""
 ALL_STRAIGHT = 0.999
-"""Share of the surface that must be."""
+"""Share of the surface that must be straight."""
 SLACK = (0.1, 0.2, 0.4)
-"""[mm] that pieces may stand out of a figure, the smallest that needs no more than the allowed pieces."""
+"""[mm] allowed deviations of pieces from a figure; the smallest that keeps the allowed number of pieces is used."""
 BORE = 12.0
-"""[mm] of a hole's diameter below which it is filled: no finger gets in."""
+"""[mm] diameter below which a hole is filled: no finger fits in."""
 LEVEL, FINE = 0.01, 0.02
-"""[mm] between layers that count as one, and of detail that is left out."""
+"""[mm] distance of layers that count as one, and size of detail that is left out."""
 EMPTY = 1e-4
-"""[mm2] that is no area."""
+"""[mm2] area that counts as 0."""
 MOST = 200
-"""Triangles of one figure, above which this is no stack of plain layers."""
+"""Number of triangles of one figure above which the solid is not treated as a stack of layers."""
 
 
 def prism_pieces(mesh: trimesh.Trimesh, most: int) -> list[Array]:
-    """Corners (n, 3) [m] of at most `most` convex pieces of a closed mesh in [m]; none where it is no such stack."""
+    """Corners (n, 3) [m] of at most `most` convex pieces of a closed mesh in [m]; empty where it is no such stack."""
     for axis in range(3):
         to_z = np.roll(np.eye(3), 2 - axis, axis=0)
         up = mesh.face_normals @ to_z[2]
@@ -68,12 +68,12 @@ def _turns_left(polygon: Array) -> bool:
 
 
 def _stacked(levels: Array, figures: list[m3.CrossSection], slack: float, most: int) -> list[Array]:
-    """Corners (n, 3) [mm] of pieces; none where they are too many."""
+    """Corners (n, 3) [mm] of pieces; empty where there are too many."""
     wide = [figure.offset(slack, m3.JoinType.Miter) for figure in figures]
     pieces: list[tuple[m3.CrossSection, int, int]] = []
     for k, figure in enumerate(figures):
         for polygon in _cover(figure, wide[k], most - len(pieces)):
-            low, high = k, k + 1  # as far up and down as the figures there hold it
+            low, high = k, k + 1  # extended up and down as far as the figures there contain it
             while low > 0 and (polygon - wide[low - 1]).area() < EMPTY:
                 low -= 1
             while high < len(figures) and (polygon - wide[high]).area() < EMPTY:
@@ -94,7 +94,7 @@ def _within(a: tuple[m3.CrossSection, int, int], b: tuple[m3.CrossSection, int, 
 
 
 def _cover(figure: m3.CrossSection, wide: m3.CrossSection, most: int) -> Iterator[m3.CrossSection]:
-    """Convex polygons inside of `wide` that cover a figure, `most` of them at most."""
+    """At most `most` convex polygons inside `wide` that cover a figure."""
     polygons = [np.asarray(p) for p in figure.to_polygons()]
     corners = np.concatenate(polygons)
     triangles = corners[np.asarray(m3.triangulate([p.tolist() for p in polygons]))]
@@ -113,7 +113,7 @@ def _cover(figure: m3.CrossSection, wide: m3.CrossSection, most: int) -> Iterato
 
 
 def _grow(start: int, triangles: Array, wide: m3.CrossSection) -> tuple[m3.CrossSection, np.ndarray]:
-    """The hull of a triangle and of others, nearest first, that stays inside; and which of them it holds (n,) bool."""
+    """The hull of a triangle and its nearest others that stays inside, and which triangles it contains (n,) bool."""
     hull = triangles[start]
     middles = triangles.mean(axis=1)
     held = np.zeros(len(triangles), dtype=bool)

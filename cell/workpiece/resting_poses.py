@@ -1,4 +1,4 @@
-"""The ways in which a solid lies on a plane, and how likely each is when it is dropped."""
+"""Stable poses of a solid on a plane, and their probabilities when it is dropped."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from pickproof.cell.frames import Array, apply, make_transform
 from pickproof.cell.symmetry.symmetry import Symmetry
 
 LEAST = 0.002
-"""Probability of a facet below which it is not counted."""
+"""Probability below which a facet is left out."""
 ALIKE = float(np.cos(np.deg2rad(8.0)))
 
 
 @dataclass(frozen=True)
 class Resting:
-    """One way of lying: T_plane_part (4, 4), lowest point at z = 0 over the origin, and its probability."""
+    """One resting pose: T_plane_part (4, 4), lowest point at z = 0 over the origin, and its probability."""
 
     T_plane_part: Array
     probability: float
 
 
 def resting_poses(mesh: trimesh.Trimesh, symmetry: Symmetry, at_least: float = 0.02) -> list[Resting]:
-    """Stable poses of a closed mesh, likeliest first; those that a symmetry or a rolling facet makes alike are one.
+    """Stable poses of a closed mesh, likeliest first; poses equal by symmetry or by rolling are merged.
 
     The probabilities are those of a body without inertia that is dropped in any orientation (trimesh's
     `compute_stable_poses`, after Goldberg et al. 1999), scaled to add up to one.

@@ -46,14 +46,12 @@ UNIT_GIRTHS = 1.4
 class SymmetryConfig(Config):
     """d_x, d_y, d_z of the paper in [deg], 0 for none; `infinite_below` is T_s."""
 
-    degrees: Triple = Field(
-        (0.0, 0.0, 0.0), description="[deg] smallest turns about x, y, z that change nothing, 0 for none"
-    )
-    infinite_below: float = Field(15.0, gt=0, description="[deg] T_s of the paper: a finer turn counts as any turn")
+    degrees: Triple = Field((0.0, 0.0, 0.0), description="[deg] smallest symmetric rotations about x, y, z; 0 for none")
+    infinite_below: float = Field(15.0, gt=0, description="[deg] T_s of the paper: a finer symmetry counts as infinite")
 
 
 class HeapConfig(Config):
-    """The heaps on which perception is trained and evaluated, fitting the size of the workpiece."""
+    """The heaps on which perception is trained and evaluated, suited to the size of the workpiece."""
 
     bin_inner: Size = Field(description="[m] length, width, depth")
     count: tuple[int, int] = Field((6, 40), description="fewest and most workpieces in a heap")
@@ -72,10 +70,10 @@ class WorkpieceConfig(Config):
     friction: float = Field(
         gt=0, le=2, description="coefficient of the surface; a contact has the geometric mean of two"
     )
-    rolling_friction: Fine = Field(0.0, description="[m] lever of what resists rolling, as of teeth")
-    magnetic: bool = Field(False, description="a magnet holds it, as steel and cast iron")
+    rolling_friction: Fine = Field(0.0, description="[m] lever of rolling resistance, as of teeth")
+    magnetic: bool = Field(False, description="true if a magnet holds it (steel, cast iron)")
     optics: Optics = Field(Optics(), description="how the surface returns light")
-    symmetry: SymmetryConfig = Field(SymmetryConfig(), description="rotations that change nothing")
+    symmetry: SymmetryConfig = Field(SymmetryConfig(), description="symmetry of the workpiece")
     collision_boxes: tuple[CollisionBox, ...] = Field((), description="solid boxes of the physics")
     collision_cylinders: tuple[CollisionCylinder, ...] = Field((), description="solid cylinders of the physics")
     collision_hulls: str | None = Field(None, description="OBJ file in mesh_unit; its objects are convex pieces")
@@ -87,7 +85,7 @@ class WorkpieceConfig(Config):
 class Workpiece:
     """One workpiece; all lengths in [m], in the CAD frame whose origin is the centre of the bounding box.
 
-    About an axis of odd order that centre is beside the axis; then the origin is on it.
+    With an axis of odd order that centre is not on the axis; then the origin is on the axis.
 
     Attributes:
         vertices, faces: the exact mesh (n, 3) and (m, 3), read-only.
@@ -132,7 +130,7 @@ class Workpiece:
 
     @property
     def units_long(self) -> int:
-        """Units along the longest side, begun ones counted whole: 1 but for slender parts."""
+        """Units along the longest side, rounded up: 1, more for slender parts."""
         return math.ceil(float(self.extents.max()) / self.unit - 1e-6)
 
     @property
@@ -217,7 +215,7 @@ def _load(folder: Path) -> Workpiece:
 
 
 def _check_size(path: Path, unit: str, extents: Array) -> None:
-    """The longest side is one that a part can have; where it is not, the unit that is likely meant is named."""
+    """Check the length of the longest side; the error names the unit that was probably meant."""
     longest = float(extents.max())
     if SIZES[0] < longest < SIZES[1]:
         return
@@ -231,7 +229,7 @@ def _check_size(path: Path, unit: str, extents: Array) -> None:
 
 
 def _check_origin(path: Path, mesh: trimesh.Trimesh, symmetry: Symmetry) -> None:
-    """The origin is the centre of the bounding box; with symmetry it may lie on the axis where these differ."""
+    """Check that the origin is the centre of the bounding box, or lies on the axis of symmetry."""
     near = 1e-3 * float(mesh.extents.max())
     middle, across = mesh.bounds.mean(axis=0), np.eye(3) - symmetry.fixed
     along = float(np.linalg.norm(symmetry.fixed @ middle))
@@ -242,7 +240,7 @@ def _check_origin(path: Path, mesh: trimesh.Trimesh, symmetry: Symmetry) -> None
 
 
 def _check_pieces(path: Path, config: WorkpieceConfig, hulls: tuple[CollisionHull, ...], box: Array) -> None:
-    """There is a piece, and none sticks out of the CAD's bounding box (2, 3) by over a tenth of its longest side."""
+    """Check that there is a piece, and none exceeds the CAD's bounding box (2, 3) by a tenth of its longest side."""
     kinds: dict[str, Sequence[Piece]] = {
         "collision_boxes": config.collision_boxes,
         "collision_cylinders": config.collision_cylinders,
@@ -274,7 +272,7 @@ def _read_mesh(yaml_path: Path, path: Path) -> trimesh.Trimesh:
         raise InputError(yaml_path, "mesh", str(path), "a mesh with faces and finite vertices")
     if not is_closed(np.asarray(mesh.faces)) or mesh.volume <= 0:
         raise InputError(yaml_path, "mesh", str(path), "a watertight mesh with outward normals (mass comes from it)")
-    if mesh.body_count > 1:  # where solids overlap, mass would count twice
+    if mesh.body_count > 1:  # overlapping solids would count mass twice
         try:
             check_crossing(np.asarray(mesh.vertices), np.asarray(mesh.faces))
         except MeshError as error:

@@ -1,4 +1,4 @@
-"""What touches at one joint vector: Pinocchio's geometry for one hand, one held part and one ground, by mode."""
+"""Collisions at one joint vector: Pinocchio's geometry for one gripper, one held part and one ground, by mode."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from pickproof.robots.kinematics.model import RobotModel
 Mode = Literal["transit", "contact", "depart", "leave"]
 Ground = tuple[coal.CollisionGeometry, pin.SE3]
 
-CLEARANCE_MARGIN = 0.003  # [m] kept in a blended motion from the obstacles that are to be given a clearance margin
+CLEARANCE_MARGIN = 0.003  # [m] clearance margin of blended motions
 
 
 class Checker:
-    """Pinocchio's geometry for one held part, with only the pairs that count."""
+    """Pinocchio's geometry for one held part, with the relevant pairs only."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class Checker:
         self._sort()
 
     def takes(self, held: HeldPart | None, tolerance: float) -> bool:
-        """Hold the pieces of before in another place; False where they are others."""
+        """Move the held pieces to another pose; False where the pieces differ."""
         if held is None or self._held is None or tolerance != self._tolerance or held.pieces != self._held.pieces:
             return held is self._held
         if held is not self._held:
@@ -91,14 +91,14 @@ class Checker:
         return True
 
     def _placed_shapes(self) -> list[Shape]:
-        """Those of the held part and then the smaller ones, in the frame of the last joint."""
+        """Pieces of the held part, then the reduced ones, in the frame of the last joint."""
         if self._held is None:
             return []
         T = self._T_joint_flange * pin.SE3(np.array(self._held.T))
         return [(shape, T * T_part_shape) for shape, T_part_shape in self._shapes]
 
     def stand_over(self, ground: Ground | None) -> None:
-        """Check against this ground in place of the one before."""
+        """Replace the ground of the checks."""
         if ground is not self._ground and ground is not None:
             for k in self._pile:
                 self.geometry.geometryObjects[k].geometry, self.geometry.geometryObjects[k].placement = ground
@@ -111,7 +111,7 @@ class Checker:
         )
 
     def turn_to(self, mode: Mode, kept: frozenset[str]) -> None:
-        """Check the pairs of a mode, in `transit` with the clearance margin of what is named in `kept`."""
+        """Check the pairs of a mode; in `transit` with a clearance margin to the obstacles named in `kept`."""
         kept_clear = kept if mode == "transit" else frozenset[str]()
         if kept_clear != self._kept_clear:
             self._kept_clear, self._margin = kept_clear, -1.0
@@ -124,7 +124,7 @@ class Checker:
             self._mode = mode
 
     def free(self, q: Array, margin: float = 0.0) -> bool:
-        """Whether everything keeps more than `margin` [m] at q (6,)."""
+        """Whether all pairs are more than `margin` [m] apart at q (6,)."""
         if margin != self._margin:
             requests = self.geometry_data.collisionRequests
             for request in requests:
@@ -136,7 +136,7 @@ class Checker:
         return not pin.computeCollisions(self.model, self.data, self.broadphase, q, True)
 
     def contact(self, q: Array) -> Contact | None:
-        """What touches what at q (6,); None where all is free."""
+        """The first pair that touches at q (6,); None where there is none."""
         if self.free(q):
             return None
         pin.computeCollisions(self.model, self.data, self.geometry, self.geometry_data, q, True)

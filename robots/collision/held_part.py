@@ -14,29 +14,29 @@ from pickproof.cell.frames import Array, apply
 from pickproof.cell.workpiece.collision_pieces import CollisionBox, CollisionCylinder, Piece, eroded
 
 Shape = tuple[coal.CollisionGeometry, pin.SE3]
-SPECK = 1e-4  # [m] edge of what is left of a piece that a tolerance takes off whole
+SPECK = 1e-4  # [m] edge that remains of a piece thinner than the tolerance
 
 
 @dataclass(frozen=True, eq=False)
 class HeldPart:
-    """Collision pieces in their CAD frame, and T (4, 4), where that is held: T_tool_part or T_flange_part."""
+    """Collision pieces in their CAD frame, and its pose T (4, 4): T_tool_part or T_flange_part."""
 
     pieces: tuple[Piece, ...]
     T: Array
 
     def seen_from(self, T_a_b: Array) -> HeldPart:
-        """The same part in frame a, given in frame b."""
+        """The part expressed in frame a; it is given in frame b."""
         return HeldPart(self.pieces, T_a_b @ self.T)
 
     @property
     def corners(self) -> Array:
-        """Points (n, 3) whose convex hull encloses the part, in the frame that it is held in."""
+        """Points (n, 3) whose convex hull encloses the part, in the frame of the holder."""
         return apply(self.T, _corners(self.pieces))
 
 
 @lru_cache(maxsize=16)
 def shapes(pieces: tuple[Piece, ...], tolerance: float = 0.0) -> tuple[Shape, ...]:
-    """One solid for each piece, in the CAD frame, `tolerance` [m] smaller all round."""
+    """One solid for each piece, in the CAD frame, reduced by `tolerance` [m] on all sides."""
     return tuple(_shape(piece, tolerance) for piece in pieces)
 
 

@@ -23,15 +23,15 @@ from pickproof.robots.kinematics.chain import travelled
 from pickproof.robots.kinematics.inverse import arm_of
 from pickproof.robots.kinematics.model import RobotModel
 
-MARGINS = (0.008, 0.002)  # [m] kept from everything at the first checks of a path, which then say more
-PATH_STEP = 0.001  # [m] of travel between checks where a path keeps less than that
-THICK = 0.25  # of the upper arm's length: radius of the links around the wrist centre; twice that around the elbow
-MAX_KNOT_STEP = 0.05  # [rad] between two joint vectors between which the travel of all points is measured
+MARGINS = (0.008, 0.002)  # [m] margin at the first checks of a path, which then cover a longer piece of it
+PATH_STEP = 0.001  # [m] of travel between checks where the distance is smaller than that margin
+THICK = 0.25  # share of the upper arm's length: radius of links around the wrist centre; twice that around the elbow
+MAX_KNOT_STEP = 0.05  # [rad] step between joint vectors for which the travel of all points is measured
 
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """Solid ground under scanned heights.
+    """Solid ground below scanned heights.
 
     Attributes:
         heights: (ny, nx) world z in [m] at nodes x = x0 + column * step, y = y0 + row * step; finite.
@@ -48,7 +48,7 @@ class HeightField:
 
 
 class CollisionScene:
-    """What the arm may hit.
+    """Obstacles of the arm, and the collision checks against them.
 
     Args:
         robot: the arm.
@@ -56,16 +56,15 @@ class CollisionScene:
             `finger` may enter the height field in mode `contact`.
         obstacles: boxes in the world; parts of the cell that never move.
         heightfield: the scanned pile above the bin, or None.
-        start_boxes: boxes of the gripper as it is until it has left where it waits; None for `tool_boxes`.
-        placed: ground of what was placed elsewhere; `placed_before`: without what was let go last.
-        kept_clear: names of the obstacles that are kept CLEARANCE_MARGIN away from in a blended motion, `pile` for the
-        scanned pile; arm and     jaws are never quite where they are commanded, and a scan has gaps.
+        start_boxes: boxes of the gripper until it has left its waiting pose; None for `tool_boxes`.
+        placed: ground with the workpieces placed so far; `placed_before`: without the last released one.
+        kept_clear: names of the obstacles to which a blended motion keeps CLEARANCE_MARGIN, `pile` for the scanned
+            pile; arm and jaws deviate from their commands, and a scan has gaps.
 
-    Mode `transit` checks everything. So does mode `leave`, with the gripper as it waits, and mode `depart`, for the
-    line away from where it waits, which ignores what it has just let go (and, after `stands_among_placed`, all that was
-    placed). Mode `contact`, for the last line to a grasp
-    and the first line after it, ignores fingers and held part against the height field, and shrinks the held part by
-    its pose tolerance; walls and table count.
+    Mode `transit` checks everything. Mode `leave` does too, with the gripper as it waits. Mode `depart` is for the line
+    away from the waiting pose; it ignores the workpiece just released (and, after `stands_among_placed`, all placed
+    ones). Mode `contact` is for the last line to a grasp and the first line after it; it ignores fingers and held part
+    against the height field, and reduces the held part by its pose tolerance; walls and table are checked.
     """
 
     def __init__(
@@ -90,13 +89,13 @@ class CollisionScene:
         self._corners_of: tuple[HeldPart | None, Array] | None = None
 
     def hold(self, held: HeldPart, tolerance: float = 0.005, without: HeightField | None = None) -> None:
-        """Attach a part, in the flange frame; in mode `contact` it is `tolerance` [m] smaller all round.
+        """Attach a part, in the flange frame; in mode `contact` it is reduced by `tolerance` [m] on all sides.
 
-        A part at rest touches floor, walls and neighbours; the tolerance keeps an error of its estimated pose from
-        reading as a collision.
+        A part at rest touches floor, walls and neighbours; with the tolerance, an error of its estimated pose is no
+        collision.
 
         Args:
-            without: the pile as it is once the part is out of it; None for the pile as scanned, the part in it.
+            without: the pile after the part has left it; None for the scanned pile, which contains the part.
         """
         self._ground_held = self._ground if without is None else _ground(without)
         known = self._checkers.get("held")
@@ -110,12 +109,12 @@ class CollisionScene:
         return self._held
 
     def release(self) -> None:
-        """Let the held part go."""
+        """Release the held part."""
         self._held = None
 
     @contextmanager
     def empty_handed(self) -> Iterator[None]:
-        """Without the held part for a while."""
+        """No held part inside this context."""
         held, self._held = self._held, None
         try:
             yield
@@ -123,14 +122,17 @@ class CollisionScene:
             self._held = held
 
     def stands_among_placed(self) -> None:
-        """Mode `depart` ignores all that was placed: the hand came down between it, or something fell against it."""
+        """From now on mode `depart` ignores all placed workpieces: the gripper is between them, or one fell against
+        it.
+        """
         if self._placed_before is not None:
             self._placed_before = None
             self._checkers.pop("depart", None)
 
     def keep_clear(self, *ends: Array) -> None:
-        """Keep the clearance margin in a blended motion from now on, but of what is nearer where the blended motion
-        begins or ends, (6,) [rad]."""
+        """From now on keep the clearance margin in blended motions, except to obstacles closer than it at start or end
+        (6,) [rad].
+        """
         self._kept = self.kept_clear
         if not all(self.free(q) for q in ends):
             self._kept = frozenset(name for name in self.kept_clear if self._respected(name, ends))
@@ -142,33 +144,33 @@ class CollisionScene:
         return free[0] == free[1]
 
     def free(self, q: Array, mode: Mode = "transit") -> bool:
-        """Whether nothing touches at q (6,) in [rad]."""
+        """Whether q (6,) in [rad] is free of collisions."""
         return self._checker(mode).free(q)
 
     def first_contact(self, q: Array, mode: Mode = "transit") -> Contact | None:
-        """Names of one pair that touches at q (6,) in [rad]: link, tool box or `held`, then what it touches."""
+        """Names of one pair that touches at q (6,) in [rad]: link, tool box or `held`, then the other body."""
         return self._checker(mode).contact(q)
 
     def free_path(self, qs: Array, mode: Mode = "transit") -> bool:
-        """Whether the polyline qs (n, 6) in [rad] is free: nothing travels more than 1 mm between two checks."""
+        """Whether the polyline qs (n, 6) in [rad] is free of collisions: no point travels over 1 mm between checks."""
         return self._blocked(qs, mode) is None
 
     def path_contact(self, qs: Array, mode: Mode = "transit") -> Contact | None:
-        """Like `free_path`, but names a pair that touches somewhere on the way, or None."""
+        """Like `free_path`, but returns a pair that touches on the path, or None."""
         q = self._blocked(qs, mode)
         return None if q is None else self._checker(mode).contact(q)
 
     def blocked_at(self, qs: Array, mode: Mode = "transit") -> float | None:
-        """Like `free_path`, but says near which index of qs (n, 6) something touches, or None."""
+        """Like `free_path`, but returns the index of qs (n, 6) near a collision, or None."""
         q = self._blocked(qs, mode)
         return None if q is None else float(np.argmin(np.abs(np.asarray(qs) - q).max(axis=1)))
 
     def _blocked(self, qs: Array, mode: Mode) -> Array | None:
-        """A joint vector (6,) on the polyline at which something touches, or None.
+        """A joint vector (6,) on the polyline with a collision, or None.
 
-        Where everything keeps a margin at one joint vector, all others are free within which no point travels further
-        than that. So a path is checked in cells twice as long as a margin, and only those that come closer in finer
-        ones, down to PATH_STEP.
+        If all pairs are a margin apart at one joint vector, the path is free as far as no point travels more than this
+        margin. So a path is checked in cells of twice a margin; cells with a smaller distance are divided, down to
+        PATH_STEP.
         """
         checker, (knots, travel) = self._checker(mode), self._travel(qs)
         cells = np.array([[0.0, travel[-1]]])
@@ -188,8 +190,8 @@ class CollisionScene:
     def _travel(self, qs: Array) -> tuple[Array, Array]:
         """Joint vectors (m, 6) on the polyline, and how far (m,) any point of arm, tool or part has travelled at most.
 
-        A body between two points that are measured travels no further than the one of them that travels most. The 5 %
-        are for arcs between knots.
+        A body between two measured points travels no further than the one that travels most. The 5 % cover arcs between
+        knots.
         """
         qs = np.asarray(qs, dtype=np.float64).reshape(-1, 6)
         steps = np.ceil(np.abs(np.diff(qs, axis=0)).max(axis=1, initial=0.0) / MAX_KNOT_STEP).clip(1).astype(int)
@@ -259,7 +261,7 @@ def _at_length(s: Array, qs: Array, at: Array) -> Array:
 
 
 def _coarse_to_fine(n: int) -> Iterator[int]:
-    """All of range(n), ends first and then by halving, so that a blocked path is found early."""
+    """All of range(n), ends first and then by bisection, so that a collision is found early."""
     if n == 0:
         return
     yield n - 1

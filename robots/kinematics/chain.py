@@ -1,4 +1,4 @@
-"""Forward kinematics of an ortho-parallel arm in closed form, compiled by numba, and how far its points travel.
+"""Forward kinematics of an ortho-parallel arm in closed form, compiled by numba, and the travel of its points.
 
 Parameters of the arm are an array (19,): a1, a2, b, c1, c2, c3, c4, then signs (6,) and offsets (6,) of the joints.
 """
@@ -15,7 +15,7 @@ from pickproof.cell.point import moved
 
 @numba.njit(cache=True)
 def flange(arm, q, T):  # type: ignore[no-untyped-def]
-    """Write T_base_flange (4, 4) at q (6,) in [rad]; the last row is left alone."""
+    """Write T_base_flange (4, 4) at q (6,) in [rad]; the last row is not written."""
     a1, a2, b, c1, c2, c3, c4 = arm[0], arm[1], arm[2], arm[3], arm[4], arm[5], arm[6]
     t1, t2 = q[0] * arm[7] - arm[13], q[1] * arm[8] - arm[14]
     t3, t4 = q[2] * arm[9] - arm[15], q[3] * arm[10] - arm[16]
@@ -51,7 +51,7 @@ def flanges(arm, q):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def travelled(arm, knots, points, thick):  # type: ignore[no-untyped-def]
-    """How far (n,) any point of the arm and of `points` (m, 3) in the flange frame has travelled at most at each knot.
+    """Largest travel (n,) of any point of the arm and of `points` (m, 3) in the flange frame, up to each knot.
 
     Args:
         knots: (n, 6) joint vectors. thick: radius of the links around the wrist centre; twice that around the elbow.

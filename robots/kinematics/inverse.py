@@ -3,8 +3,8 @@
 An ortho-parallel arm with a spherical wrist has eight branches a pose (Brandstoetter, Angerer, Hofbaur 2014,
 "An analytical solution of the inverse kinematics problem of industrial serial manipulators with an ortho-parallel
 basis and a spherical wrist"). A branch is one number, 4 * wrist + 2 * shoulder + elbow:
-shoulder 0 faces the wrist centre, 1 reaches back over the head; elbow and wrist are the signs of the two inner roots.
-It never changes along a motion that stays clear of the singularities.
+shoulder 0 faces the wrist centre, 1 reaches back over the base; elbow and wrist are the signs of the two inner roots.
+It is constant along a motion that does not pass a singularity.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from pickproof.cell.frames import Array
 from pickproof.robots.kinematics.chain import flanges
 from pickproof.robots.kinematics.model import OpwConfig, RobotModel
 
-FRONT = (0, 4)  # shoulder faces the work, elbow up; with the elbow down the arm touches itself or the bin first
-SIGMA_MIN = 0.03  # [m/rad and rad/rad]; closer to a singularity the joints outrun the tool
+FRONT = (0, 4)  # shoulder faces the bin, elbow up; with the elbow down the arm collides with itself or the bin first
+SIGMA_MIN = 0.03  # [m/rad and rad/rad]; below this, joint speeds are too high for the tool speed
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Branches:
     """All branches of n flange poses.
 
     Attributes:
-        q: joint vectors (n, 8, 6) in [rad]; the last axis' turn is the one closest to the reference. NaN where none.
+        q: joint vectors (n, 8, 6) in [rad]; of equivalent angles, the closest to the reference. NaN where none.
         valid: (n, 8) the branch exists and keeps the joint limits.
         exists: (n, 8) the branch exists, within the limits or not.
         sigma: (n, 8) smallest singular value of the flange's geometric Jacobian, 0 where no valid branch exists.
@@ -42,14 +42,14 @@ class Branches:
 
 
 def inverse(model: RobotModel, Ts_base_flange: Array, q_near: ArrayLike | None = None) -> Branches:
-    """Every branch of flange poses (n, 4, 4), with J4 and J6 (and any other joint) turned by 2 pi into the limits.
+    """Every branch of flange poses (n, 4, 4), with joints shifted by multiples of 2 pi into the limits.
 
     Args:
-        q_near: (6,) in [rad], default home: of the turns within the limits, the closest to it is returned.
+        q_near: (6,) in [rad], default home: of equivalent angles within the limits, the closest is returned.
     """
     near = np.asarray(model.home if q_near is None else q_near, dtype=np.float64)
     Ts = np.asarray(Ts_base_flange, dtype=np.float64).reshape(-1, 4, 4)
-    # The solver's angles lie within half a turn; it leaves out the singular values of branches outside these limits.
+    # The solver's angles lie in [-pi, pi]; it omits the singular values of branches outside these limits.
     never = (model.lower > -np.pi) & (model.upper < np.pi)
     limits = np.stack([np.where(never, model.lower, -7.0), np.where(never, model.upper, 7.0)], axis=1)
     found = _solver(model.opw).reach(RigidTransform.from_matrix(Ts), joint_limits=limits)

@@ -1,4 +1,4 @@
-"""The arm as it looks: the primitive shapes of its URDF, and where its links are."""
+"""The visual shapes of the arm: primitive shapes of its URDF, and the poses of its links."""
 
 from __future__ import annotations
 

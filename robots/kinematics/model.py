@@ -30,7 +30,7 @@ class OpwConfig(Config):
     c3: Offset = Field(description="[m]")
     c4: Offset = Field(description="[m]")
     offsets_deg: Six = Field(description="added to each joint angle")
-    flips: tuple[bool, bool, bool, bool, bool, bool] = Field(description="joints whose sense is reversed")
+    flips: tuple[bool, bool, bool, bool, bool, bool] = Field(description="joints with reversed direction")
 
 
 class RobotConfig(Config):
@@ -46,7 +46,7 @@ class RobotConfig(Config):
     velocity_deg: Six = Field(description="[deg/s] limit of each joint")
     time_to_velocity: float = Field(gt=0, description="v_max / a_max [s]")
     time_to_acceleration: float = Field(gt=0, description="a_max / j_max [s]")
-    home_deg: Six = Field(description="[deg] where the arm waits first; leaves the view of the camera free")
+    home_deg: Six = Field(description="[deg] initial pose, outside the view of the camera")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,8 @@ class RobotModel:
         joints: joint names in the order of every q (6,).
         lower, upper: joint limits (6,) in [rad], from the URDF.
         velocity, acceleration, jerk: limits (6,) in [rad/s], [rad/s2], [rad/s3]; robot.yaml assumes the last two.
-        effort: torque limits (6,) in [N m], from the URDF; robot.yaml says what they are worth.
-        home: (6,) in [rad]; leaves the camera's view over the bin free.
+        effort: torque limits (6,) in [N m], from the URDF; robot.yaml states how reliable they are.
+        home: (6,) in [rad]; outside the camera's view of the bin.
         payload: in [kg]; reach: from the J1 axis to the wrist centre in [m].
         kinematics: Pinocchio's model; flange: its frame id.
     """
@@ -95,7 +95,7 @@ def load_robot(name: str) -> RobotModel:
     """Load a shipped robot.
 
     Raises:
-        InputError: unknown name, invalid robot.yaml, or a URDF that does not fit it.
+        InputError: unknown name, invalid robot.yaml, or a URDF that does not match it.
     """
     if name not in list_robots():
         known = list_robots()

@@ -1,12 +1,10 @@
-"""What `robots.motion.blended_motion` does many thousand times a second: a blended motion's state, and the profiles
-that make it quickest.
+"""Compiled inner loops of `robots.motion.blended_motion`: state of a blended motion, and its fastest profiles.
 
-`tables` (3, 5, 8) are the profiles (`robots.motion.s_curve`) along the first line, of the turn, and along the last
-line, which runs backwards.
-`way` is the far ends (6,) of both lines, what raises the middle (6,), and the lines as splines: knots x (n + 1,) from 0
-to 1 and coefficients c (4, n, 6) as SciPy has them, n = 0 for no line. `machine` is the limits (3, 6) of the joints'
-velocity, acceleration and jerk, the arm of `robots.kinematics.chain`, the TCP (3,) in the flange frame and the limit of
-its acceleration, as if the arm ran at full speed; inf for none.
+`tables` (3, 5, 8) are the profiles (`robots.motion.s_curve`) of the first line, of the turn, and of the last line,
+which runs backwards. `way` is the far ends (6,) of both lines, the joint offset (6,) that raises the middle, and the
+lines as splines: knots x (n + 1,) from 0 to 1 and coefficients c (4, n, 6) as SciPy has them, n = 0 for no line.
+`machine` is the limits (3, 6) of the joints' velocity, acceleration and jerk, the arm of `robots.kinematics.chain`, the
+TCP (3,) in the flange frame and the limit of its acceleration at full speed of the arm; inf for none.
 """
 
 from __future__ import annotations
@@ -20,9 +18,10 @@ from pickproof.cell.point import moved
 from pickproof.robots.kinematics.chain import flange
 from pickproof.robots.motion.s_curve import rise_table, s_curve_table, state, when
 
-FACTORS = 7  # of speed, acceleration, jerk of the turn; of jerk, and share, of the first line, of the last line
-STEPS = (0.85, 0.95)  # by which the factors of a blended motion are varied, one round each
-SHARES = (0.1, 0.7)  # of a line, over which the tool may speed up
+# factors: speed, acceleration, jerk of the turn; then jerk and share of the first line and of the last line
+FACTORS = 7
+STEPS = (0.85, 0.95)  # steps by which the factors of a blended motion are varied, one round each
+SHARES = (0.1, 0.7)  # shares of a line over which the tool accelerates
 
 
 @numba.njit(cache=True)
@@ -78,8 +77,7 @@ def sampled(times, total, wait, tables, way):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def fastest(samples, total, wait, tables, way, machine, slowest):  # type: ignore[no-untyped-def]
-    """How many times as fast a blended motion may run for the limits of joints and TCP; 0 where it is below
-    `slowest`."""
+    """Largest time scale of a blended motion within the limits of joints and TCP; 0 where below `slowest`."""
     limits, arm, tcp, shake = machine
     line, out, T = np.zeros((4, 6)), np.zeros((4, 6)), np.zeros((4, 4))
     most, step = 0.0, total / (samples - 1)
@@ -109,13 +107,13 @@ def fastest(samples, total, wait, tables, way, machine, slowest):  # type: ignor
 
 @numba.njit(cache=True)
 def timing(factors, top, lines, levels, off):  # type: ignore[no-untyped-def]
-    """Tables (3, 5, 8) of first line, turn and last line, the turn's wait, and the duration of the whole.
+    """Tables (3, 5, 8) of first line, turn and last line, the wait of the turn, and the total duration.
 
     Args:
         factors: (FACTORS,). top: (3,) largest velocity, acceleration and jerk of the turn. lines: (2, 4) largest
             acceleration and jerk along each line, its straight share, and how far the turn moves a corner there [m]; 0
             for no line.
-        levels: (2,) of waiting. off: how far a corner may leave what must be straight [m].
+        levels: (2,) of waiting. off: allowed deviation of a corner from the straight part [m].
     """
     tables, waits, kept = np.zeros((3, 5, 8)), np.zeros(2), np.zeros(2)
     tables[1] = s_curve_table(top[0] * factors[0], top[1] * factors[1], top[2] * factors[2])
@@ -129,15 +127,16 @@ def timing(factors, top, lines, levels, off):  # type: ignore[no-untyped-def]
         least = max(kept[end] - (6.0 * off / (top[2] * factors[2] * reach)) ** (1 / 3), 0.0)
         waits[end] = least + levels[end] * max(profile[0, -1] - least, 0.0)
         tables[2 * end] = profile
-    # neither line is still travelled where the other must be straight
+    # the lines overlap in time only where neither must be straight
     total = max(tables[0, 0, -1] + kept[1], tables[2, 0, -1] + kept[0])
     return tables, waits[0], max(total, waits[0] + tables[1, 0, -1] + waits[1])
 
 
 @numba.njit(cache=True)
 def quickest(starts, top, lines, levels, off, samples, way, machine):  # type: ignore[no-untyped-def]
-    """Factors (FACTORS,) of the quickest blended motion found from those of `starts` (k, FACTORS) on, and its seconds
-    at full speed."""
+    """Factors (FACTORS,) of the fastest blended motion found from `starts` (k, FACTORS), and its time [s] at full
+    speed.
+    """
     best, seconds = starts[0].copy(), np.inf
     for i in range(len(starts)):
         tables, wait, total = timing(starts[i], top, lines, levels, off)

@@ -1,11 +1,11 @@
-"""Motions that stop only where the process must: off a straight tool line, through the air, onto another line.
+"""Motions without intermediate stops: away along a straight tool line, free motion, then along another line.
 
 Three motion profiles are added up: along the line q1 away from the start, along the line q2 to the end, and the turn
 of all joints from the far end of the one to the far end of the other,
     q(t) = q1(s1(t)) + d u + 4 b u (1 - u) + q2(s2(T - t)) - q2(1)   with d = q2(1) - q1(1), u = u(t - wait),
-where b raises the middle of the way over what stands there. Each profile goes from rest to rest, so the sum is smooth
-for any wait: the joints that decide the time turn while others still lift, once the tool has left its straight part.
-What the sum does to the limits is measured, and the whole runs as fast as the tightest of them allows.
+where b raises the middle of the path over obstacles. Each profile goes from rest to rest, so the sum is smooth for any
+wait. The turn starts while the tool is still on the line, after its straight part. The sum is then scaled in time to
+the largest speed that keeps all limits.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from pickproof.robots.kinematics.model import RobotModel
 from pickproof.robots.motion.blended_kernels import fastest, quickest, sampled, timing
 from pickproof.robots.motion.timing import JointPath
 
-SHAPES = ((1.0, 1.0), (1.0, 0.8), (0.5, 0.7))  # speed and acceleration of the turn, of what joints allow
-HARD = (1.0, 0.75)  # jerk along the lines, of what joints allow
-SHARE = 0.35  # of a line, over which the tool speeds up
-OFF_LINE = 0.001  # [m] any corner of hand or part may leave what must be straight
-MARGIN, TOOL_MARGIN = 0.99, 0.98  # of the joints' limits and of the tool's acceleration
-SAMPLES = 56  # points in time at which limits are measured for a choice
-FINE = 400  # and of what was chosen
+SHAPES = ((1.0, 1.0), (1.0, 0.8), (0.5, 0.7))  # speed and acceleration of the turn, as shares of the joint limits
+HARD = (1.0, 0.75)  # jerk along the lines, as a share of the joint limits
+SHARE = 0.35  # share of a line over which the tool accelerates
+OFF_LINE = 0.001  # [m] allowed deviation of a corner of gripper or part from the straight part
+MARGIN, TOOL_MARGIN = 0.99, 0.98  # share of the joint limits and of the limit of the tool's acceleration
+SAMPLES = 56  # number of times at which limits are checked during the search
+FINE = 400  # the same for the chosen motion
 STARTS = np.array([(*shape, 1.0, hard, SHARE, hard, SHARE) for shape, hard in product(SHAPES, HARD)])
 Way = tuple[Array, Array, Array, Array, Array, Array, Array]
 Machine = tuple[Array, Array, Array, float]
@@ -42,7 +42,7 @@ class End:
     Attributes:
         q: (6,) at rest in [rad].
         path: joint path of the line away from it; None where there is no line.
-        length: of the line in [m]; straight: of it that must be kept straight.
+        length: of the line in [m]; straight: length of its part that must be straight.
     """
 
     q: Array
@@ -57,7 +57,7 @@ class End:
 
     @property
     def spline(self) -> tuple[Array, Array]:
-        """Knots and coefficients of the line, as `robots.motion.blended_kernels` has them."""
+        """Knots and coefficients of the line, in the form of `robots.motion.blended_kernels`."""
         return _NO_LINE if self.path is None else (self.path.spline.x, np.ascontiguousarray(self.path.spline.c))
 
 
@@ -82,12 +82,12 @@ class BlendedMotion:
 
 @dataclass(frozen=True)
 class Form:
-    """How a blended motion rounds its corners.
+    """The shape of a blended motion.
 
     Attributes:
-        waits: how long the turn waits at either end: from 0, as soon as the straight part of the line is behind, to 1,
-            until the line has been left and the tool stands still.
-        raised: (6,) b, by which the joints raise the middle of the way.
+        waits: (first, last) waiting of the turn: 0 starts it right after the straight part of the line, 1 after the
+            whole line, when the tool is at rest.
+        raised: (6,) b, the joint offset that raises the middle of the path.
     """
 
     waits: tuple[float, float]
@@ -99,8 +99,8 @@ class Between:
     """The blended motions between two ends.
 
     Attributes:
-        T_flange_tool: (4, 4). corners: (k, 3) of hand and part in the flange frame.
-        limit: largest acceleration of the tool in [m/s2], None for any.
+        T_flange_tool: (4, 4). corners: (k, 3) of gripper and part in the flange frame.
+        limit: largest acceleration of the tool in [m/s2], None for no limit.
     """
 
     model: RobotModel
@@ -112,22 +112,24 @@ class Between:
     _known: dict[bytes, tuple[Way, Array, Array]] = field(default_factory=dict)
 
     def quickest(self, form: Form, speed: float) -> tuple[float, BlendedMotion]:
-        """The quickest blended motion of a form, and about the seconds that it takes at `speed` of the arm's."""
+        """The fastest blended motion of a form, and its approximate time [s] at the share `speed` of the arm's
+        speed.
+        """
         (way, top, lines), machine, levels = self._over(form.raised), self._machine(speed), np.array(form.waits)
         factors, seconds = quickest(STARTS, top, lines, levels, OFF_LINE, SAMPLES, way, machine)
         tables, wait, total = timing(factors, top, lines, levels, OFF_LINE)
         return seconds / speed, BlendedMotion(tables, way, wait, total)
 
     def scale(self, blend: BlendedMotion, speed: float) -> float:
-        """How many times as fast as its own profiles a blended motion may run for the limits of joints and tool.
+        """Largest time scale of a blended motion within the limits of joints and tool, relative to its profiles.
 
-        They are measured at so many points that no phase is missed.
+        Enough points are checked to include every phase.
         """
         limits = self._machine(speed)
         return speed * float(fastest(FINE, blend.duration, blend.wait, blend.tables, blend.way, limits, 0.0))
 
     def raised(self, heights: Array) -> list[Array | None]:
-        """What raises the tool in the middle of the turn by each height (n,) in [m], as `Form` has it.
+        """Joint offsets that raise the tool in the middle of the turn by each height (n,) in [m]; see `Form`.
 
         None where the arm cannot go there in its branch.
         """
@@ -139,8 +141,7 @@ class Between:
         return [x - q if ok else None for x, ok in zip(found.q[:, slot], good, strict=True)]
 
     def _over(self, raised: Array) -> tuple[Way, Array, Array]:
-        """What `robots.motion.blended_kernels` wants to know of the blended motions that are raised so: way, top,
-        lines."""
+        """Inputs way, top and lines of `robots.motion.blended_kernels` for blended motions with this offset."""
         key = raised.tobytes()
         if key not in self._known:
             way = (self.start.far, self.end.far, raised, *self.start.spline, *self.end.spline)
@@ -160,7 +161,7 @@ class Between:
         return np.array([(m / steepest).min() for m in limits])
 
     def _lines(self, raised: Array) -> Array:
-        """(2, 4) see `robots.motion.blended_kernels.timing`."""
+        """Limits (2, 4) of both lines, see `robots.motion.blended_kernels.timing`."""
         turn = self.end.far - self.start.far
         steepest = [self._line(end) for end in (self.start, self.end)]
         reach = [self._reach(end, turn + sign * 4.0 * raised) for end, sign in ((self.start, 1.0), (self.end, -1.0))]
@@ -175,7 +176,7 @@ class Between:
         return a, j, end.straight / end.length
 
     def _reach(self, end: End, turn: Array) -> float:
-        """How far a turn (6,) of the joints for each unit of u moves a corner, where the straight part ends, in [m]."""
+        """Travel [m] of a corner per unit of u for a turn (6,) of the joints, at the end of the straight part."""
         if end.path is None:
             return 0.0
         q, small = end.path.spline(end.straight / end.length), 1e-4

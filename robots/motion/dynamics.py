@@ -1,4 +1,4 @@
-"""Whether the arm can carry a load: its payload, and the torques of a trajectory by inverse dynamics (Pinocchio)."""
+"""Load checks of the arm: payload, and the torques of a trajectory by inverse dynamics (Pinocchio)."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from pickproof.robots.kinematics.model import RobotModel
 from pickproof.robots.motion.timing import Motion
 from pickproof.robots.motion.trajectory import Trajectory
 
-CHECKED, EACH = 64, 4  # points in time at which the torques of a motion are looked at; steps between them
-TORQUE_MARGIN = 0.95  # of the limits, for what lies between these
+CHECKED, EACH = 64, 4  # number of times at which the torques of a motion are checked; steps between them
+TORQUE_MARGIN = 0.95  # share of the limits, as a reserve for times in between
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What hangs on the flange, gripper and workpiece: mass in [kg], centre of mass (3,) in the flange frame in [m]."""
+    """Load on the flange (gripper and workpiece): mass in [kg], centre of mass (3,) in the flange frame in [m]."""
 
     mass: float
     centre: Array
 
     def __add__(self, other: Load) -> Load:
-        """Both as one."""
+        """The combined load."""
         mass = self.mass + other.mass
         return Load(mass, (self.mass * self.centre + other.mass * other.centre) / mass if mass else self.centre)
 
 
 def overload(robot: RobotModel, load: Load) -> str:
-    """Why the arm may not carry a load at all; empty where it may."""
-    return f"{load.mass:.1f} kg is more than the payload of {robot.payload:.1f} kg" if load.mass > robot.payload else ""
+    """The reason why the arm may not carry a load at all; empty where it may."""
+    return f"{load.mass:.1f} kg exceeds the payload of {robot.payload:.1f} kg" if load.mass > robot.payload else ""
 
 
 def torques(robot: RobotModel, trajectory: Trajectory, load: Load | None = None) -> Array:
@@ -48,9 +48,9 @@ def torques(robot: RobotModel, trajectory: Trajectory, load: Load | None = None)
 
 
 def bearable(robot: RobotModel, motion: Motion, scale: float, load: Load | None = None) -> float | Refusal:
-    """How many times as fast as its own profile a motion may run, `scale` at most, or the joint that cannot hold it.
+    """Largest time scale of a motion within the torque limits, at most `scale`; or the joint that cannot hold the load.
 
-    Torques are those of gravity and, with the square of the scale, of the motion.
+    Torques of gravity are constant; torques of the motion grow with the square of the scale.
     """
     model = robot.kinematics if load is None else _loaded(robot, load)
     data, still = model.createData(), np.zeros(6)

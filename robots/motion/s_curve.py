@@ -34,12 +34,12 @@ class Profile:
 
 
 def s_curve(velocity: float, acceleration: float, jerk: float) -> Profile:
-    """The S-curve: the quickest profile within limits of the derivatives of s."""
+    """The S-curve: the fastest profile within limits of the derivatives of s."""
     return Profile(s_curve_table(velocity, acceleration, jerk))
 
 
 def rise(acceleration: float, jerk: float, share: float) -> Profile:
-    """A quick start over the first `share` of the way, within limits, then a gentle stop."""
+    """Acceleration at the limits over the first `share` of the way, then a slow stop."""
     return Profile(rise_table(acceleration, jerk, share))
 
 
@@ -58,7 +58,7 @@ def state(table, t):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def when(table, s):  # type: ignore[no-untyped-def]
-    """Time at which s is reached, by halving."""
+    """Time at which s is reached, by bisection."""
     low, high = 0.0, table[0, PHASES - 1]
     for _ in range(30):
         middle = (low + high) / 2
@@ -103,5 +103,5 @@ def _table(durations, jerks):  # type: ignore[no-untyped-def]
         table[1, k + 1] = s + t * (v + t * (a / 2 + t * j / 6))
         table[2, k + 1] = v + t * (a + t * j / 2)
         table[3, k + 1] = a + t * j
-    table[1, PHASES - 1], table[2, PHASES - 1], table[3, PHASES - 1] = 1.0, 0.0, 0.0  # but for rounding it is there
+    table[1, PHASES - 1], table[2, PHASES - 1], table[3, PHASES - 1] = 1.0, 0.0, 0.0  # at the end, except for rounding
     return table

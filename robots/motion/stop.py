@@ -1,4 +1,4 @@
-"""Where a motion starts and ends: a stop, the straight tool line that leads to it, and how fast the motion may be."""
+"""Start and end of a motion: a stop, the straight tool line next to it, and the limits of speed."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ LEAST_SAMPLES, MOST_SAMPLES = 9, 33
 
 @dataclass(frozen=True, eq=False)
 class Pace:
-    """How fast a motion may be.
+    """Limits of speed and load of a motion.
 
     Attributes:
-        speed: in (0, 1] of the arm's. dt: between samples in [s].
-        T_flange_tool: (4, 4). acceleration: of the TCP not to exceed in [m/s2], None for any.
-        load: what hangs on the flange, for the torques; None for nothing.
+        speed: share (0, 1] of the arm's speed. dt: between samples in [s].
+        T_flange_tool: (4, 4). acceleration: limit of the TCP in [m/s2], None for no limit.
+        load: on the flange, for the torques; None for no check.
     """
 
     speed: float
@@ -38,7 +38,7 @@ class Pace:
 
 
 def first_beyond(robot: RobotModel, q: Array, T_flange_tool: Array, distance: float) -> int:
-    """Index of the first of q (n, 6) whose TCP is `distance` [m] from where it began, or of the farthest of all."""
+    """Index of the first of q (n, 6) whose TCP is `distance` [m] from the first one, or of the farthest."""
     points = (flange_poses(robot, q) @ T_flange_tool)[:, :3, 3]
     away = np.linalg.norm(points - points[0], axis=1)
     return int(np.argmax(away >= min(distance, away.max())))
@@ -60,7 +60,7 @@ class Line:
 
     @cached_property
     def path(self) -> JointPath | Refusal:
-        """In joint space, or why there is none."""
+        """The line in joint space, or the reason why there is none."""
         T1 = self.T.copy()
         T1[:3, 3] += self.way
         samples = int(np.clip(np.ceil(self.length / SAMPLE_STEP) + 1, LEAST_SAMPLES, MOST_SAMPLES))
@@ -77,10 +77,11 @@ class Stop:
 
     Attributes:
         q: (6,) in [rad].
-        line: away from it; None where the arm may move as it likes.
+        line: away from it; None where any direction is allowed.
         mode: of the collision checks along the line.
-        straight: how much of the line is kept straight where that is enough, in [m]; None for all of it.
-        narrowing: time in [s] after the line of a start that the jaws take from how they waited to how they grip.
+        straight: length [m] of the part of the line that must be straight; None for all of it.
+        narrowing: time in [s] after the line of a start in which the jaws move from the waiting to the approach
+            opening.
     """
 
     q: Array
@@ -91,7 +92,7 @@ class Stop:
 
     @cached_property
     def usable(self) -> Line | Refusal | None:
-        """As much of the line as the arm can follow, `straight` at least; None where there is none."""
+        """The part of the line that the arm can follow, at least `straight`; None where it is shorter."""
         if self.line is None:
             return None
         least = min(self.straight or self.line.length, self.line.length)

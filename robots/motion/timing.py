@@ -1,4 +1,4 @@
-"""Motion profiles: how fast joints may move, straight or along a path, within velocity, acceleration, jerk (Ruckig)."""
+"""Motion profiles of joint moves and paths, within limits of velocity, acceleration and jerk (Ruckig)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 from pickproof.cell.frames import Array
 from pickproof.robots.kinematics.model import RobotModel
 
-_SPEEDS = (1.0, 0.6, 0.35, 0.2)  # top speeds of a path tried, as fractions of the fastest joint's limit
-_SHARES = (1.0, 0.5)  # accelerations tried, as fractions of what the top speed leaves
+_SPEEDS = (1.0, 0.6, 0.35, 0.2)  # tried top speeds of a path, as shares of the limit of the fastest joint
+_SHARES = (1.0, 0.5)  # tried accelerations, as shares of what remains at the top speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class JointPath:
 
 
 class Segment(Protocol):
-    """A piece of a motion."""
+    """A segment of a motion."""
 
     @property
     def duration(self) -> float:
@@ -71,7 +71,7 @@ class JointSegment:
     def _phases(self) -> tuple[Array, Array] | None:
         """Start times (6, 8) of phases of constant jerk and (4, 6, 8) position, velocity, acceleration, jerk there.
 
-        None where a phase comes before or after these, as Ruckig has it when a limit is not kept at an end.
+        None where Ruckig has additional phases before or after these, because a limit is violated at an end.
         """
         joints = self.profile.profiles[0]
         if any(p.brake.duration > 0.0 or p.accel.duration > 0.0 for p in joints):
@@ -122,7 +122,7 @@ class Motion:
 
     @property
     def duration(self) -> float:
-        """At full speed, in [s]."""
+        """Duration at full speed, in [s]."""
         return sum(s.duration for s in self.segments)
 
     def sampled(self, dt: float, scale: float = 1.0) -> tuple[Array, Array]:
@@ -138,9 +138,9 @@ class Motion:
 
 
 def rest_to_rest(model: RobotModel, turned: Array) -> Array:
-    """Time (...) in [s] of the quickest motion of all joints by `turned` (..., 6) [rad] from rest to rest.
+    """Time (...) in [s] of the fastest motion of all joints by `turned` (..., 6) [rad] from rest to rest.
 
-    That of the slowest joint: three phases of constant jerk or more, fewer where its limits are not reached.
+    It is the time of the slowest joint.
     """
     d, v, a, j = np.abs(turned), model.velocity, model.acceleration, model.jerk
     by_jerk = 4.0 * np.cbrt(d / (2.0 * j))
@@ -152,10 +152,10 @@ def rest_to_rest(model: RobotModel, turned: Array) -> Array:
 
 
 def joint_segment(model: RobotModel, q0: Array, q1: Array) -> JointSegment:
-    """The quickest motion from rest at q0 (6,) to rest at q1 (6,), straight in joint space.
+    """The fastest motion from rest at q0 (6,) to rest at q1 (6,), straight in joint space.
 
     Raises:
-        ValueError: Ruckig finds no profile, which there is between any two finite joint vectors.
+        ValueError: Ruckig finds no profile; one exists between any two finite joint vectors.
     """
     x = ruckig.InputParameter(6)
     x.current_position, x.target_position = q0.tolist(), q1.tolist()
@@ -170,12 +170,12 @@ def joint_segment(model: RobotModel, q0: Array, q1: Array) -> JointSegment:
 
 
 def path_segment(model: RobotModel, path: JointPath) -> PathSegment | None:
-    """Along a path from rest to rest.
+    """Motion along a path from rest to rest.
 
     With |q'|, |q''|, |q'''| at their largest along the path, speed v, acceleration a and jerk j of s are bounded by
         |q'| v <= V,   |q'| a + |q''| v^2 <= A,   |q'| j + 3 |q''| v a + |q'''| v^3 <= J   for every joint.
-    A lower top speed leaves more acceleration and jerk, so a few are tried and the quickest is kept; on a path that
-    bends sharply somewhere the speed is halved until there is one.
+    A lower top speed allows more acceleration and jerk, so several are tried and the fastest motion is kept. On a path
+    with a sharp bend the speed is halved until a profile exists.
     """
     d1, d2, d3 = path.peaks
     top = float((model.velocity / d1).min())
@@ -205,6 +205,6 @@ def _solve(x: ruckig.InputParameter) -> ruckig.Trajectory | None:
     profile = ruckig.Trajectory(len(x.current_position))
     try:
         result = ruckig.Ruckig(len(x.current_position)).calculate(x, profile)
-    except ruckig.RuckigError:  # a boundary state from which the limits cannot be kept
+    except ruckig.RuckigError:  # from this boundary state the limits cannot be kept
         return None
     return profile if result in (ruckig.Result.Working, ruckig.Result.Finished) else None

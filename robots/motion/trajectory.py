@@ -1,7 +1,7 @@
-"""Joint trajectories sampled at a fixed rate: joint moves, straight tool lines, and how hard they shake the tool.
+"""Joint trajectories sampled at a fixed rate: joint moves, straight tool lines, and the acceleration of the tool.
 
 Every motion keeps the arm's velocity, acceleration and jerk limits. `scale` in (0, 1] slows a motion down in time and
-leaves its path as it is: velocities go with it, accelerations with its square, jerks with its cube.
+keeps its path: velocities scale with it, accelerations with its square, jerks with its cube.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def joint_path(
 def tool_line(
     model: RobotModel, T0: Array, T1: Array, q0: Array, sigma_min: float = SIGMA_MIN, samples: int = LINE_SAMPLES
 ) -> JointPath | Refusal:
-    """The joint path of a straight flange line from T0 to T1 (4, 4), in the branch of q0 (6,), or why there is none.
+    """The joint path of a straight flange line from T0 to T1 (4, 4) in the branch of q0 (6,), or why there is none.
 
     The rotation turns about one axis at a constant rate (slerp). The tool's own line is straight only where both ends
     have the same rotation, as in every line of a pick.
@@ -108,13 +108,13 @@ def linear_move(
     dt: float = DT,
     name: str = "linear_move",
 ) -> Trajectory | None:
-    """Straight flange line from rest at T0 (4, 4) to rest at T1; None where `tool_line` says why there is none."""
+    """Straight flange line from rest at T0 (4, 4) to rest at T1; None where `tool_line` finds none."""
     path = tool_line(model, T0, T1, q0)
     return None if isinstance(path, Refusal) else follow(model, path, scale, dt, name)
 
 
 def follow(model: RobotModel, path: JointPath, scale: float = 1.0, dt: float = DT, name: str = "follow") -> Trajectory:
-    """Along a joint path from rest to rest."""
+    """Trajectory along a joint path from rest to rest."""
     return Trajectory(name, *path_motion(model, path).sampled(dt, scale), dt)
 
 
@@ -132,7 +132,7 @@ def path_motion(model: RobotModel, path: JointPath) -> Motion:
 
 
 def concatenate(name: str, trajectories: Sequence[Trajectory]) -> Trajectory:
-    """One after the other; each starts at rest where the one before ended at rest."""
+    """Concatenate trajectories; each starts at rest where the one before ended at rest."""
     for a, b in pairwise(trajectories):
         gap = np.abs(a.q[-1] - b.q[0]).max()
         speed = max(np.abs(a.qd[-1]).max(), np.abs(b.qd[0]).max())

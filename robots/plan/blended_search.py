@@ -1,5 +1,6 @@
-"""The quickest blended motion between two stops that touches nothing: the roundest first, then sharper and higher
-ones."""
+"""Search of the fastest collision-free blended motion between two stops: the roundest first, then sharper and higher
+ones.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +21,19 @@ from pickproof.robots.motion.stop import Line, Pace, Stop, first_beyond
 from pickproof.robots.motion.timing import JointPath, Motion
 from pickproof.robots.motion.trajectory import Trajectory
 
-WAITS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # of the turn at either end, see `robots.motion.blended_motion.Form`
-RAISED = (0.0, 0.03, 0.06, 0.1, 0.15)  # [m] by which the middle of the way is raised
+WAITS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # waits of the turn at each end, see `robots.motion.blended_motion.Form`
+RAISED = (0.0, 0.03, 0.06, 0.1, 0.15)  # [m] heights by which the middle of the path is raised
 STRIDE = 2
-CORRIDOR = 0.002  # [m] any corner of hand or part may leave a line and still count as on it
-CHECK_STEP = 0.008  # [s] between the joint vectors that stand for a motion in collision checks
-GLANCES = 16  # single configurations that are looked at before a whole motion is checked
+CORRIDOR = 0.002  # [m] distance of a corner of gripper or part from a line up to which it counts as on it
+CHECK_STEP = 0.008  # [s] between joint vectors in collision checks of a motion
+GLANCES = 16  # single configurations that are checked before the whole motion
 
 _Node = tuple[int, int, int]  # indices of both waits and of the height
 
 
 @dataclass(order=True)
 class _Candidate:
-    """A blended motion; the quickest comes first, of equals the one that was found first."""
+    """A blended motion in a queue: the fastest first, among equals the one found first."""
 
     seconds: float
     number: int
@@ -43,13 +44,13 @@ class _Candidate:
 def search_blended(
     scene: CollisionScene, start: Stop, end: Stop, pace: Pace, name: str, forms: int
 ) -> Trajectory | Refusal:
-    """Along the line away from `start`, through the air and along the line to `end` without a stop.
+    """Motion along the line away from `start`, freely, and along the line to `end`, without a stop.
 
-    What refuses it is `early` where every form tried touched something in its first half.
+    A refusal is `early` where every tried form had a collision in its first half.
 
-    Forms are tried in the order of the time they take. Where one touches something, the turn waits longer at the end
-    that is nearer, or the way is raised, by STRIDE entries of the lists above; what was skipped is tried from the first
-    free one back, which is as if all had been tried, nearly, in a third of the time.
+    Forms are tried in the order of their duration. After a collision, the turn waits longer at the nearer end, or the
+    path is raised, by STRIDE entries of the lists above. From the first free form, skipped ones are tried backwards.
+    The result is nearly that of trying all, in a third of the time.
     """
     ends = [_end(stop) for stop in (start, end)]
     if ends[0] is None or ends[1] is None:
@@ -111,9 +112,9 @@ def _end(stop: Stop) -> End | None:
 
 
 def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop, T_flange_tool: Array) -> float | None:
-    """Where in [0, 1] of its time a motion touches something or leaves the joint limits; None where it is free.
+    """Share [0, 1] of its time at which a motion collides or exceeds the joint limits; None where it is free.
 
-    Each stretch is checked in its mode; a glance at a few configurations comes before the whole.
+    Each section is checked in its mode; a few configurations are checked before the whole.
     """
     q = motion.sampled(CHECK_STEP)[0]
     inside = scene.robot.within_limits(q)
@@ -145,7 +146,7 @@ def _hit(scene: CollisionScene, motion: Motion, start: Stop, end: Stop, T_flange
 
 
 def _on_line(scene: CollisionScene, q: Array, stop: Stop) -> int:
-    """Index of the last of q (n, 6) up to which hand and part stay in the corridor of the stop's whole line."""
+    """Index of the last of q (n, 6) up to which gripper and part stay in the corridor of the stop's whole line."""
     if stop.line is None or stop.mode == "transit":
         return 0
     length = stop.line.length

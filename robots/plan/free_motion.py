@@ -18,23 +18,22 @@ from pickproof.robots.motion.trajectory import Trajectory, concatenate, gentle_s
 from pickproof.robots.plan.blended_search import search_blended
 from pickproof.robots.plan.path_search import Method, connect_quickly, search
 
-FORMS_TRIED = (
-    12  # of a blended motion, where another way may be quicker than insisting; twice as many where there is none
-)
+FORMS_TRIED = 12  # forms of a blended motion to try where another kind of motion exists; twice as many where none does
 Joined = tuple[Trajectory, Method]
 
 
 def join(
     scene: CollisionScene, start: Stop, end: Stop, pace: Pace, seed: int | None, name: str, searched: bool = True
 ) -> Joined | Refusal:
-    """From one stop along its line, through the air, and along the line to the other; or what is in the way.
+    """Motion from one stop along its line, freely, and along the line to the other stop; or the reason why there is
+    none.
 
-    Where no blended motion is free the arm stops at the ends of the whole lines and goes straight, over a via point, or
-    as a search finds.
+    If no blended motion is free, the arm stops at the ends of the whole lines and moves straight, over a via point, or
+    along a searched path.
 
     Args:
         seed: of the search; None for blended motions alone.
-        searched: whether a path may be searched where nothing quicker leads there.
+        searched: whether a path may be searched where no simpler motion is free.
     """
     scene.keep_clear(*(stop.air for stop in (start, end)))
     flying = search_blended(scene, start, end, pace, name, FORMS_TRIED if seed is None else 2 * FORMS_TRIED)
@@ -74,13 +73,13 @@ def join(
 
 
 def duration(robot: RobotModel, motion: Motion, pace: Pace) -> float:
-    """Of a motion at a pace, in [s]; infinite where no speed keeps the torques."""
+    """Duration [s] of a motion within the limits; infinite where no speed keeps the torque limits."""
     scale = _scale(robot, motion, pace)
     return float("inf") if isinstance(scale, Refusal) else motion.duration / scale
 
 
 def _along(scene: CollisionScene, waypoints: Array, pace: Pace) -> list[Motion]:
-    """Through waypoints: on a smooth curve where it is free and quicker, else straight with a stop at each."""
+    """Motion through waypoints: on a smooth curve where it is free and faster, else straight with a stop at each."""
     robot = scene.robot
     stops = [move_motion(robot, a, b) for a, b in pairwise(waypoints)]
     if len(waypoints) > 2:
@@ -95,7 +94,7 @@ def _along(scene: CollisionScene, waypoints: Array, pace: Pace) -> list[Motion]:
 
 
 def _scale(robot: RobotModel, motion: Motion, pace: Pace) -> float | Refusal:
-    """Of the arm's full speed, so that neither the tool's acceleration nor any torque is too much."""
+    """Share of the arm's full speed at which the tool's acceleration and all torques keep their limits."""
     scale = pace.speed
     if pace.acceleration is not None:
         scale = min(scale, gentle_scale(robot, motion, pace.T_flange_tool, pace.acceleration))

@@ -15,10 +15,10 @@ from pickproof.robots.kinematics.model import forward
 
 Method = Literal["direct", "via", "search"]
 
-RAISE = (0.10, 0.20)  # [m] via points are the ends lifted by this much
-MAX_CHECKS = 12_000  # of single configurations a search may spend; a count, not a time, keeps plans repeatable
+RAISE = (0.10, 0.20)  # [m] heights of via points above the ends
+MAX_CHECKS = 12_000  # largest number of checked configurations; a count, not a time, keeps plans repeatable
 SHORTCUTS = 40
-_WINDOW = np.array([0.8, 1.0, 1.2, 1.0, 0.9, 1.0])  # [rad] a search may leave the box that both ends span by this much
+_WINDOW = np.array([0.8, 1.0, 1.2, 1.0, 0.9, 1.0])  # [rad] margin of the search around the box spanned by both ends
 
 ompl_util.setLogLevel(ompl_util.LogLevel.LOG_NONE)
 
@@ -40,10 +40,10 @@ def connect_quickly(scene: CollisionScene, q0: Array, q1: Array) -> tuple[Array,
 def search(scene: CollisionScene, q0: Array, q1: Array, seed: int) -> Array | None:
     """Collision-free waypoints (n, 6) from q0 to q1 by RRT-Connect and shortcuts, or None within MAX_CHECKS.
 
-    `RNG.setSeed` before each search restarts OMPL's seed sequence, and the search ends by a count of checks: the same
-    call gives the same path whatever ran before in the process (a test holds this).
+    `RNG.setSeed` before each search restarts OMPL's seed sequence, and the search ends after a count of checks. So the
+    same call gives the same path, whatever ran before in the process (tested).
     """
-    # The motions of the tree are checked coarsely, the path found finely; where that fails, once more with a fine tree.
+    # The tree is checked coarsely and the found path finely; if that fails, the search runs again with a fine tree.
     for step in (0.03, 0.008):
         path = _rrt_connect(scene, q0, q1, seed, step)
         if path is not None and scene.free_path(path):
@@ -92,7 +92,7 @@ def _rrt_connect(scene: CollisionScene, q0: Array, q1: Array, seed: int, step: f
 
 
 def _shortcut(scene: CollisionScene, path: Array, rng: np.random.Generator) -> Array:
-    """Replace stretches between two random points of the path by straight lines where these are free."""
+    """Replace sections between two random points of the path by straight lines where these are free."""
     for _ in range(SHORTCUTS):
         if len(path) == 2:
             break
@@ -111,7 +111,7 @@ def _shortcut(scene: CollisionScene, path: Array, rng: np.random.Generator) -> A
 
 
 def _prune(scene: CollisionScene, path: Array) -> Array:
-    """Leave out waypoints that a straight line may skip, longest skips first."""
+    """Remove waypoints that a straight line can replace, longest lines first."""
     kept, i = [path[0]], 0
     while i < len(path) - 1:
         i = next(j for j in range(len(path) - 1, i, -1) if j == i + 1 or scene.free_path(path[[i, j]]))

@@ -1,12 +1,12 @@
-"""The motion of one pick: to the part, out of the bin, to a free place, and, if asked for, away from it.
+"""The motion of one pick: to the part, out of the bin, to a free place, and optionally away from it.
 
-The arm rests where the process must stop and nowhere else:
-    approach  q_start -> (straight up, out of the last place) -> through the air -> straight line to the grasp
+The arm stops only where the process requires it:
+    approach  q_start -> (straight up, out of the last place) -> free motion -> straight line to the grasp
     lift      straight line out of the pile, part held, and on in a blended motion
     carry     -> straight line down to a place pose
     leave     straight line up -> q_end, where one is given; else the arm waits at the place, its jaws open
-All of them stay in one front-facing branch of the arm between grasp and place, so the wrist never flips with a part in
-hand, and every trajectory is checked for collisions.
+Between grasp and place the arm stays in one front-facing branch, so the wrist never flips with a held part. Every
+trajectory is checked for collisions.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ class PickPlan:
 
     Attributes:
         lift: ends in a blended motion, at the height of the whole line; carry goes on from there without a stop.
-        leave: a single joint vector where the arm waits at the place.
+        leave: a single joint vector if the arm waits at the place.
         place: index of the place pose used; branch: of grasp and place; sigma: of the grasp.
         methods: how the free moves of approach, carry and leave were found.
-        cleared: samples of `approach` before the hand has left the last place; the jaws stay as they are until then.
+        cleared: number of samples of `approach` before the gripper has left the last place; the jaws do not move until
+            then.
     """
 
     approach: Trajectory
@@ -66,8 +67,8 @@ class PickPlan:
 def plan_pick(scene: CollisionScene, request: PickRequest) -> PickPlan | PlanFailure:
     """Plan one pick. The same scene and request give the same plan, bit for bit.
 
-    The branch that is quicker to reach is tried first; the failure told is that of the first one the grasp exists in.
-    The scene comes back holding nothing.
+    The branch that is faster to reach is tried first; the returned failure is that of the first branch in which the
+    grasp exists. The scene holds no part afterwards.
     """
     grasp = request.T_base_tool_grasp @ invert(request.hand.T_flange_tool)
     found = inverse(scene.robot, grasp[None], request.q_start)
@@ -86,7 +87,7 @@ def plan_pick(scene: CollisionScene, request: PickRequest) -> PickPlan | PlanFai
 def _plan_in_branch(
     scene: CollisionScene, request: PickRequest, grasp: Array, found: Branches, slot: int
 ) -> PickPlan | PlanFailure:
-    """The pick in one branch, or where it stopped."""
+    """The pick in one branch, or the failure."""
     blocked = standing(scene, found, 0, slot, "contact")
     if blocked is not None:
         return blocked
@@ -109,7 +110,8 @@ def _plan_in_branch(
     cleared = first_beyond(scene.robot, q, request.hand.T_flange_tool, away) if away else 0
     narrow = cleared + int(np.ceil(request.hand.narrowing / request.limits.dt))
     contact = scene.path_contact(q[cleared : narrow + 1], "leave") if request.hand.narrowing else None
-    if contact is not None:  # where the arm stopped on its way, the jaws may meet something before they are narrow
+    # with an intermediate stop, the jaws may collide before they have closed to the approach opening
+    if contact is not None:
         return PlanFailure(Stage.APPROACH, Refusal(Cause.COLLISION, contact=contact), "way to the grasp")
     scene.hold(
         request.part.held.seen_from(request.hand.T_flange_tool), request.part.tolerance, request.part.pile_without
@@ -127,7 +129,9 @@ def _plan_in_branch(
 
 
 def _split(whole: Trajectory, at: int) -> tuple[Trajectory, Trajectory]:
-    """Lift and carry of one motion with the part; no sample is in both, or the arm would stand still for a step."""
+    """Lift and carry of one motion with the part; no sample is in both, since a repeated sample is a stop of one
+    step.
+    """
     first = Trajectory("lift", whole.q[: at + 1].copy(), whole.qd[: at + 1].copy(), whole.dt)
     return first, Trajectory("carry", whole.q[at + 1 :].copy(), whole.qd[at + 1 :].copy(), whole.dt)
 

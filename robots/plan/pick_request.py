@@ -1,4 +1,4 @@
-"""What the planner of a pick is asked for, in parts: places, hand, part, lines, limits, search.
+"""The request to the planner of a pick: places, gripper, part, lines, limits, search.
 
 Poses are of the TCP in the robot's base frame, which is the world frame; lengths in [m], times in [s].
 """
@@ -19,12 +19,12 @@ from pickproof.robots.motion.trajectory import DT
 
 @dataclass(frozen=True, eq=False)
 class PlacePoses:
-    """Where the part may be let go.
+    """Where the part may be released.
 
     Attributes:
-        Ts_base_tool: (k, 4, 4) TCP, most wanted first.
-        rank: (k,) how much each pose is wanted, the least first; among equals the quickest to reach is taken. None for
-            the order given.
+        Ts_base_tool: (k, 4, 4) TCP, preferred first.
+        rank: (k,) preference of each pose, the smallest first; among equals the fastest to reach is used. None for the
+            order given.
     """
 
     Ts_base_tool: Array
@@ -37,9 +37,9 @@ class Hand:
 
     Attributes:
         T_flange_tool: (4, 4).
-        load: what it weighs on the flange, for the torques; None for nothing.
-        narrowing: time in [s] that the jaws take from how they are at the start to how they grip. They start when the
-            hand has left by `Lines.depart`, and until they are done the blended motion has room for both.
+        load: on the flange, for the torques; None for no load.
+        narrowing: time in [s] in which the jaws move from the opening at the start to that of the approach. It begins
+            when the gripper has left by `Lines.depart`; until its end the blended motion is free for both openings.
     """
 
     T_flange_tool: Array
@@ -49,13 +49,13 @@ class Hand:
 
 @dataclass(frozen=True, eq=False)
 class CarriedPart:
-    """The part once it is gripped.
+    """The gripped part.
 
     Attributes:
         held: its shape in the TCP frame.
-        load: what it weighs on the flange, for the torques; None for nothing.
+        load: on the flange, for the torques; None for no load.
         tolerance: error of its estimated pose [m] that does not count as a collision on the lift's line.
-        pile_without: the scanned pile once the part is out of it; None for the scan as it is, the part in it.
+        pile_without: the scanned pile after the part has left it; None for the scan, which contains the part.
     """
 
     held: HeldPart
@@ -72,12 +72,12 @@ class Lines:
         approach: of the last line, along tool z to the grasp.
         retract: of the first line with the part; retract_direction: a unit vector in the world.
         out_of_bin: of that line up to where the part is out of the bin; where it is longer than `retract` and the arm
-            can follow it, the blended motion may begin as late as there.
+            can follow it, the blended motion may begin there at the latest.
         place: of the vertical line down to a place pose.
         depart: of the vertical line away from the start, 0 for none.
-        straight: how much of each line is kept straight where the rest of it may be rounded into the blended motion
-            without a touch; None for the whole lines. straight_place: the same of the lines at the place; None for as
-            much as at the grasp.
+        straight: length of each line that must be straight; the rest may be rounded into the blended motion if that is
+            free of collisions; None for the whole lines. straight_place: the same for the lines at the place; None for
+            the value of the grasp.
     """
 
     approach: float = 0.10
@@ -92,10 +92,10 @@ class Lines:
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """How fast the motions may be.
+    """Limits of speed of the motions.
 
     Attributes:
-        speed: in (0, 1] of the arm's speed, see `robots.motion.trajectory`.
+        speed: share (0, 1] of the arm's speed, see `robots.motion.trajectory`.
         carry_acceleration: largest acceleration of the TCP with the part [m/s2].
         dt: between samples of a trajectory [s].
     """
@@ -107,7 +107,7 @@ class MotionLimits:
 
 @dataclass(frozen=True)
 class PathSearch:
-    """The search for a path, which runs only where straight moves and via points fail.
+    """The search for a path; it runs only where straight moves and via points fail.
 
     Attributes:
         allowed: whether it runs at all; seed: of its random samples.
@@ -119,7 +119,7 @@ class PathSearch:
 
 @dataclass(frozen=True, eq=False)
 class PickRequest:
-    """What one pick asks for.
+    """The request for one pick.
 
     Attributes:
         q_start: (6,) joint vector at rest now [rad]; q_end: the one to return to, None to wait at the place.
@@ -143,12 +143,12 @@ class PickRequest:
 
     @property
     def free(self) -> Pace:
-        """Pace of the empty hand."""
+        """Limits with the empty gripper."""
         return Pace(self.limits.speed, self.limits.dt, self.hand.T_flange_tool, None, self.hand.load)
 
     @property
     def slow(self) -> Pace:
-        """Pace with the part."""
+        """Limits with the part."""
         loads = [load for load in (self.hand.load, self.part.load) if load is not None]
         both = sum(loads[1:], loads[0]) if loads else None
         return Pace(self.limits.speed, self.limits.dt, self.hand.T_flange_tool, self.limits.carry_acceleration, both)

@@ -1,4 +1,4 @@
-"""Where the arm rests during a pick, each stop with the straight tool line that leads away from it."""
+"""The stops of the arm during a pick, each with the straight tool line that leads away from it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def lift_stop(scene: CollisionScene, request: PickRequest, grasp: Array, q: Array) -> Stop | PlanFailure:
-    """The grasp with the line away from it, which goes on till the part is out of the bin if the arm can follow it."""
+    """The grasp with the line away from it, which continues until the part is out of the bin if the arm can follow
+    it.
+    """
     way = np.array(request.lines.retract_direction)
     if request.lines.out_of_bin > request.lines.retract:
         line = Line(scene.robot, grasp, q, request.lines.out_of_bin * way)
@@ -30,7 +32,7 @@ def lift_stop(scene: CollisionScene, request: PickRequest, grasp: Array, q: Arra
 
 
 def start_stop(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailure:
-    """Where the arm rests now, with the line away from it."""
+    """The current stop of the arm, with the line away from it."""
     if not request.lines.depart:
         return Stop(request.q_start)
     T = flange_poses(scene.robot, request.q_start[None])[0]
@@ -41,7 +43,7 @@ def start_stop(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailur
     if stop.line is not None and isinstance(stop.line.path, JointPath):
         ways = stop.line.path.spline(np.linspace(0.0, 1.0, 9))
         touched = next((c for q in ways if (c := scene.first_contact(q, "depart"))), None)
-        if touched is not None and touched[1] == "placed":  # it stands there; straight up is the only way out
+        if touched is not None and touched[1] == "placed":  # the arm is already there; straight up is the only way out
             scene.stands_among_placed()
     return replace(stop, narrowing=request.hand.narrowing)
 
@@ -49,7 +51,7 @@ def start_stop(scene: CollisionScene, request: PickRequest) -> Stop | PlanFailur
 def stop_with_line(
     scene: CollisionScene, request: PickRequest, T: Array, q: Array, way: Array, mode: Mode, stage: Stage, what: str
 ) -> Stop | PlanFailure:
-    """A stop at flange pose T with a line by `way` (3,) in the world, of which at least the beginning is reachable."""
+    """A stop at flange pose T with a line by `way` (3,) in the world; at least its beginning is reachable."""
     lines = request.lines
     straight = lines.straight if mode == "contact" else lines.straight_place or lines.straight
     stop = Stop(q, Line(scene.robot, T, q, way), mode, straight)

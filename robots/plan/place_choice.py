@@ -1,4 +1,4 @@
-"""Which place pose a part goes to: the first that can be reached with it and left without it."""
+"""Choice of the place pose: the first that can be reached with the part and left without it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ from pickproof.robots.plan.pick_request import PickRequest
 from pickproof.robots.plan.pick_stops import UP, stop_with_line
 from pickproof.robots.plan.standing import standing
 
-PLACES_TRIED = 12  # place poses to which a blended motion is looked for in vain
-EARLY = 3  # blended motions in vain one after the other that met something early: where they end hardly matters then
-SEARCHED_PLACES = 2  # place poses for which a path is searched when no quick way leads to any
+PLACES_TRIED = 12  # place poses without a blended motion after which the search for blended motions ends
+EARLY = 3  # the same for consecutive early collisions: the end of the motion hardly matters then
+SEARCHED_PLACES = 2  # place poses for which a path is searched when none is reached by a blended motion
 
 
 def choose_place(
     scene: CollisionScene, request: PickRequest, grasp: Stop, slot: int
 ) -> tuple[int, Joined, Joined] | PlanFailure:
-    """The first place pose that can be reached with the part and left without it; quick ways first, then a search."""
+    """The first place pose that can be reached with the part and left without it; simple motions first, then a
+    search.
+    """
     poses = request.places.Ts_base_tool @ invert(request.hand.T_flange_tool)
     found = inverse(scene.robot, poses, grasp.q)
     if len(poses) == 0:
@@ -49,7 +51,7 @@ def choose_place(
             blocked.append(place)
             continue
         if request.q_end is None and place.line is not None and isinstance(place.line.path, Refusal):
-            # what comes down only the last bit straight could not leave the next time: it would hit what it let go
+            # a gripper that descends straight only for the last part could not leave: it would hit the released part
             blocked.append(PlanFailure(Stage.PLACE_LINE, place.line.path, what))
             continue
         done = _carry(scene, request, grasp, place, None, k)
@@ -68,7 +70,7 @@ def choose_place(
 
 
 def _in_order(scene: CollisionScene, request: PickRequest, found: Branches, slot: int, q_grasp: Array) -> list[int]:
-    """Indices of the place poses, most wanted first, and of those equally wanted the quickest to reach."""
+    """Indices of the place poses, preferred first; among equals, the fastest to reach first."""
     n = len(found.q)
     if request.places.rank is None:
         return list(range(n))
@@ -79,7 +81,7 @@ def _in_order(scene: CollisionScene, request: PickRequest, found: Branches, slot
 def _carry(
     scene: CollisionScene, request: PickRequest, grasp: Stop, place: Stop, seed: int | None, k: int
 ) -> tuple[Joined, Joined] | PlanFailure:
-    """With the part to a place pose, and without it home or nowhere."""
+    """Motion with the part to a place pose, and without it back home if requested."""
     carry = join(scene, grasp, place, request.slow, seed, "carry")
     if isinstance(carry, Refusal):
         return PlanFailure(Stage.CARRY, carry, f"way to place pose {k}")

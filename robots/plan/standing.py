@@ -1,4 +1,4 @@
-"""Whether the arm can stand at a TCP pose: in reach, within its joint limits, away from singularities, free."""
+"""Whether the arm can be at a TCP pose: in reach, within joint limits, away from singularities, collision-free."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from pickproof.robots.kinematics.inverse import FRONT, SIGMA_MIN, Branches, inve
 
 
 def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Array) -> Iterator[PlanFailure | None]:
-    """For each TCP grasp pose (n, 4, 4) in turn: None where the arm can stand there freely, or why it cannot.
+    """For each TCP grasp pose (n, 4, 4) in turn: None where the arm can be there without collision, or the reason.
 
-    The inverse kinematics of all poses is done at the first step, each collision check when its turn comes: stop asking
-    when enough are found.
+    The inverse kinematics of all poses is computed at the first step, each collision check on demand: stop the
+        iteration when enough are found.
     """
     found = inverse(scene.robot, np.asarray(Ts_base_tool) @ invert(T_flange_tool))
     for k in range(len(found.q)):
@@ -34,14 +34,14 @@ def check_grasps(scene: CollisionScene, Ts_base_tool: Array, T_flange_tool: Arra
 
 
 def first_failure(stops: list[PlanFailure]) -> PlanFailure:
-    """That of the first branch within the joint limits, if there is one."""
+    """The reason of the first branch within the joint limits, if there is one."""
     near = [(s.stage, s.cause) for s in stops]
     told = next((s for s, n in zip(stops, near, strict=True) if n > (Stage.GRASP, Cause.JOINT_LIMIT)), None)
     return told or stops[near.index(max(near))]
 
 
 def standing(scene: CollisionScene, found: Branches, k: int, slot: int, mode: Mode) -> PlanFailure | None:
-    """Why the arm cannot stand at pose k in a branch: by itself, or by what it would touch."""
+    """Why the arm cannot be at pose k in a branch: a limit of the arm, or a collision."""
     robot, q = scene.robot, found.q[k, slot]
     if not found.exists[k, slot]:
         refusal = Refusal(Cause.OUT_OF_REACH)

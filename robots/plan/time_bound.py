@@ -1,4 +1,4 @@
-"""What a plan is held against: the least time that the arm's limits allow, and a motion that stops at every point."""
+"""References for the time of a plan: a lower bound from the arm's limits, and a motion that stops at every point."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pickproof.robots.plan.pick_stops import UP
 def lower_bound(robot: RobotModel, plan: PickPlan) -> float:
     """Least time in [s] from rest to rest at start, grasp and place (and end), in free space and without any line.
 
-    The joints run at the arm's velocity, acceleration and jerk limits and the slowest of them decides.
+    The joints move at the arm's velocity, acceleration and jerk limits; the slowest joint decides.
     """
     stops = [plan.approach.q[0], plan.lift.q[0], plan.carry.q[-1], plan.leave.q[-1]]
     return float(sum(rest_to_rest(robot, b - a) for a, b in pairwise(stops)))
@@ -43,7 +43,7 @@ def stop_at_each(robot: RobotModel, request: PickRequest, plan: PickPlan) -> flo
     if any(isinstance(path, Refusal) for path in paths):
         return float("inf")
     above_grasp, lifted, above_place = (np.asarray(path.end) for path in paths if not isinstance(path, Refusal))
-    # Coming from the last place, as high above it as above this one.
+    # From the last place, with the same height above it as above this one.
     q_over = above_place if request.lines.depart else request.q_start
     motions: list[tuple[Motion, Pace]] = [
         (move_motion(robot, q_over, above_grasp), free),

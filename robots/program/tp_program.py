@@ -1,4 +1,4 @@
-"""A motion as a Fanuc TP program in text form (.LS), and the way back.
+"""Export of a motion as a Fanuc TP program in text form (.LS).
 
 Sources: the listing format of FANUC's R-30iB operator's manual (program detail, motion and register instructions,
 position data); configuration: N where J5 is negative, F where it is positive, U with the elbow above the line from J2
@@ -31,14 +31,14 @@ XYZWPR = ("X", "Y", "Z", "W", "P", "R")
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A point that the arm is sent to.
+    """A target point of the program.
 
     Attributes:
         q: (6,) URDF angles in [rad].
         motion: J: all joints at once; L: the TCP on a straight line.
         speed: J: share of the joint limits in (0, 1]; L: of the TCP in [m/s].
         cnt: rounding in 0 .. 100; None to stop (FINE).
-        gripper: what the gripper does there, before the next motion.
+        gripper: action of the gripper at this point, before the next motion.
     """
 
     q: Array
@@ -69,7 +69,7 @@ def write_program(
         wait: for the gripper after it is switched, in [s].
 
     Raises:
-        InputError: a name that the controller would refuse.
+        InputError: the controller does not accept this name.
     """
     if not NAME.fullmatch(name):
         raise InputError("command line", "--name", name, "a letter, then up to 35 of A-Z, 0-9 and _")
@@ -90,7 +90,7 @@ def write_program(
 
 
 def T_base_world(robot: RobotModel) -> Array:
-    """(4, 4) the controller's world frame in our base frame: on J1, at the height of J2."""
+    """T_base_world (4, 4) of the controller's world frame: origin on J1, at the height of J2."""
     return make_transform(np.eye(3), np.array([0.0, 0.0, robot.opw.c1]))
 
 

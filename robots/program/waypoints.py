@@ -1,4 +1,4 @@
-"""A pick as the points that a controller's own program would be sent to."""
+"""A pick as target points for a controller program."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ VIAS = 6  # points taken of a free move that is not direct
 def waypoints_of(
     robot: RobotModel, plan: PickPlan, T_flange_tool: Array, straight: float, straight_place: float
 ) -> list[Waypoint]:
-    """The points of a pick: off the last place, before, at and after the grasp, before and at the place, and home.
+    """The points of a pick: above the last place, before, at and after the grasp, before and at the place, and home.
 
-    Speeds are the means over each stretch. A controller flies between the points by its own interpolation, so a program
-    made of them is the same motion at its lines and near it in between.
+    Speeds are the means over each section. The controller interpolates between the points by its own method, so the
+    program equals the planned motion on its lines and is close to it in between.
 
     Args:
         straight: length in [m] of the lines into and out of the grasp that a program must keep; straight_place: of that
@@ -91,7 +91,7 @@ def _speed(robot: RobotModel, trajectory: Trajectory, T_flange_tool: Array, a: i
 
 
 def waypoints_to_json(waypoints: list[Waypoint]) -> list[dict[str, Any]]:
-    """The form in which a record keeps waypoints; angles in [rad]."""
+    """Waypoints in the form stored in a record; angles in [rad]."""
     return [
         {
             "q": [round(float(x), 7) for x in w.q],

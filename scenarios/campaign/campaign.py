@@ -25,20 +25,22 @@ from pickproof.scenarios.results.records import AttemptRecord, EpisodeRecord, Re
 from pickproof.scenarios.results.store import Store
 
 RETRIES: dict[Kind, int] = {"broken": 0, "crashed": 1, "killed": 9}
-"""How often an episode is run again after each kind of failure; a kill from outside says nothing about the episode."""
+"""How often an episode is repeated after each kind of failure; most often after a kill from outside, which has no cause
+in the episode.
+"""
 
 
 def run_campaign(request: CampaignRequest, on_event: Callable[[Event], None] = lambda event: None) -> None:
-    """Run the episodes that `request.out` does not hold yet and commit every attempt as it ends.
+    """Run the episodes that are missing in `request.out` and commit every attempt when it ends.
 
     Args:
         on_event: called in the driver after each commit.
 
     Raises:
-        InputError: `out` holds results and `resume` is off, or they are of another campaign; or there is no such
-            cluster; or this processor lacks what the numeric profile needs.
-        StoreError: the results cannot be written any more; what was committed can be resumed.
-        KeyboardInterrupt: Ctrl-C or SIGTERM; what had ended is committed.
+        InputError: `out` holds results and `resume` is off, or they belong to another campaign; or the cluster does not
+            exist; or this processor lacks instructions of the numeric profile.
+        StoreError: the results cannot be written; committed attempts are kept and can be resumed.
+        KeyboardInterrupt: Ctrl-C or SIGTERM; ended attempts are committed.
     """
     check_processor()
     begun, identity = time.perf_counter(), _identity(request)
@@ -63,7 +65,9 @@ def run_campaign(request: CampaignRequest, on_event: Callable[[Event], None] = l
 
 
 def _identity(request: CampaignRequest) -> dict[str, Any]:
-    """What decides the records: a campaign is continued, and an episode is run, only where all of it is the same."""
+    """Everything that decides the records: a campaign is continued, and an episode run, only where all of it is
+    equal.
+    """
     return {
         "scenario_hash": scenario_hash(request.scenario),
         "seed": request.seed,
@@ -107,14 +111,14 @@ def _pool(task: Task, request: CampaignRequest, interrupted: Callable[[], bool])
 
 
 def _longest_first(seeds: Sequence[int], expected_s: Mapping[int, float]) -> list[int]:
-    """Those of unknown length count as average; equally long ones stay in order of seed."""
+    """Seeds, longest episode first; unknown lengths count as average; equal ones stay in order of seed."""
     known = [expected_s[s] for s in seeds if s in expected_s]
     average = sum(known) / len(known) if known else 0.0
     return sorted(seeds, key=lambda s: (-expected_s.get(s, average), s))
 
 
 def _attempted(pool: Pool, todo: Sequence[int], scenario: Scenario, store: Store) -> Iterator[Event]:
-    """Events of all episodes, committed; an episode that did not come to its end is run again or has failed."""
+    """Events of all episodes, each committed; an episode that did not finish is repeated or fails."""
     failures: Counter[tuple[int, Kind]] = Counter()
     for event in pool.run(todo):
         if isinstance(event, Event):
@@ -161,7 +165,7 @@ def _check_same(store: Store, identity: dict[str, Any], request: CampaignRequest
     stored, out = store.meta(), request.out
     different = changed(stored, identity)
     if different:
-        valid = "what the results there were made with"
+        valid = "the inputs of the results there"
         raise InputError("command line", f"--resume {out}", f"changed: {', '.join(different)}", valid)
     if request.episodes < stored["episodes"]:
         raise InputError("command line", "--episodes", request.episodes, f"at least {stored['episodes']} as in {out}")
@@ -169,7 +173,9 @@ def _check_same(store: Store, identity: dict[str, Any], request: CampaignRequest
 
 @contextmanager
 def _signals_noted() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and SIGTERM are noted, not raised, so that they never fall between a message and its commit."""
+    """Ctrl-C and SIGTERM set a flag instead of raising, so that they never interrupt between a message and its
+    commit.
+    """
     noted: list[int] = []
     mine = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
     before = {s: signal.signal(s, lambda number, _: noted.append(number)) for s in mine}

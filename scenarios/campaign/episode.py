@@ -21,13 +21,13 @@ from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import AttemptRecord, End, EpisodeRecord, Reason
 
 ORACLE_PIXELS = 150
-"""The perception oracle knows the workpieces of which at least this many pixels are seen."""
+"""Smallest number of visible pixels of a workpiece that the perception oracle returns."""
 NO_PICKS_IN_A_ROW = 3
-"""Images taken one after the other with nothing to pick before a bin counts as stuck."""
+"""Number of consecutive images without a pick after which a bin counts as stuck."""
 
 
 def run_episode(job: Job, on_attempt: Callable[[AttemptRecord], None]) -> EpisodeRecord:
-    """Fill the bin in the order of the job's seed and pick until the end; each attempt is handed on as it ends."""
+    """Fill the bin with the job's seed and pick until the end; each attempt is passed on when it ends."""
     start = time.perf_counter()
     scenario, exact = job.scenario, "perception" in job.oracle
     perceive = oracle_perception if exact else trained_or_search(scenario.workpiece, scenario.perception)
@@ -49,7 +49,7 @@ def _pick_until_end(
     on_attempt: Callable[[AttemptRecord], None],
     recorder: AttemptRecorder,
 ) -> tuple[int, int, End]:
-    """Successes, attempts with no-picks, and how it ended."""
+    """Number of successes, number of attempts and no-picks, and how the episode ended."""
     stop = cell.scenario.stop
     picked = failures = no_picks = attempts = 0
     while attempts < stop.attempt_limit:
@@ -63,7 +63,7 @@ def _pick_until_end(
             failures = 0 if record.success else failures + 1
         no_picks = 0 if record.moved else no_picks + 1
         if no_picks:
-            state.failed.clear()  # what was left alone may be all there is
+            state.failed.clear()  # the avoided workpieces may be the only ones left
         if no_picks >= NO_PICKS_IN_A_ROW:
             return picked, attempts, "stuck"
         if failures >= stop.failures_in_a_row or record.reason == Reason.SIMULATION_ERROR:
@@ -72,7 +72,7 @@ def _pick_until_end(
 
 
 def oracle_perception(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: np.random.Generator) -> Estimates:
-    """Ground truth in place of perception: exact poses of all workpieces that are seen, scored by visible area."""
+    """Ground truth in place of perception: exact poses of all visible workpieces, scored by visible area."""
     truth = cell.observe()
     pixels = np.array([np.count_nonzero(ids == i) for i in range(len(truth.Ts_world_part))])
     seen = [i for i in truth.parts_in(SOURCE) if pixels[i] >= ORACLE_PIXELS]
@@ -83,7 +83,7 @@ def oracle_perception(cell: Workcell, frame: DepthFrame, ids: np.ndarray, rng: n
 
 @lru_cache(maxsize=4)
 def trained_or_search(workpiece: str, settings: PerceptionConfig) -> Perceive:
-    """The scenario's method of perception, loaded once a process."""
+    """The scenario's method of perception, loaded once per process."""
     from pickproof.perception.estimate import Perception
     from pickproof.perception.refinement.refine import RefineConfig
     from pickproof.perception.refinement.verify import VerifyConfig

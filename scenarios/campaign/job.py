@@ -1,4 +1,4 @@
-"""The job of a worker: one episode, with everything on which its records depend and what is kept beside them."""
+"""The job of a worker: one episode, with all inputs of its records and the data to keep with them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Job:
         seed: of the bin's filling and of all noise.
         oracle: stages replaced by ground truth.
         pictures: whether attempts carry their pictures.
-        keep: which attempts are kept to look at again, and where; None for none.
+        keep: which attempts are stored for replay, and where; None for none.
     """
 
     scenario: Scenario
@@ -29,4 +29,4 @@ class Job:
 
 
 Runner = Callable[[Job, Callable[[AttemptRecord], None]], EpisodeRecord]
-"""(job, on_attempt) -> how the episode ended; importable by name in a fresh process."""
+"""(job, on_attempt) -> how the episode ended; must be importable by name in a new process."""

@@ -1,4 +1,4 @@
-"""Campaigns from Python: run one, and look at what it left."""
+"""Campaigns from Python: run one, or open its results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pickproof.scenarios.results.summary import write_summary
 
 
 class Campaign(CampaignResults):
-    """A campaign in a folder: what `Campaign.run` has run, or `Campaign.open` found there."""
+    """A campaign in a folder, from `Campaign.run` or `Campaign.open`."""
 
     @classmethod
     def run(
@@ -36,21 +36,21 @@ class Campaign(CampaignResults):
     ) -> Self:
         """Run episodes of a scenario as `pickproof run` does, with the same records for the same seed.
 
-        Episodes run in fresh processes that import the program's main file: a script calls this under
+        Episodes run in new processes that import the main file of the program, so a script must call this under
         `if __name__ == "__main__":`.
 
         Args:
             scenario: the scenario, its name, or the path of its YAML file.
             episodes: bin fills, at seeds `seed`, `seed` + 1, ...
-            seed: of the first; None for the scenario's own.
+            seed: of the first episode; None for the scenario's own.
             workers: processes, one episode each at a time.
             oracle: stages that ground truth replaces: `perception`, `grasp`, `motion`.
             out: folder of the results; None for the first free one of `out/SCENARIO-SEED`, `-2`, ...
-            resume: go on with the campaign in `out`.
+            resume: continue the campaign in `out`.
             keep: attempts kept for `pickproof replay`: `failures`, `all` or `none`.
 
         Raises:
-            InputError: an argument, a file that the scenario names, or what is in `out` is not valid.
+            InputError: an argument, a file that the scenario names, or the content of `out` is not valid.
         """
         from pickproof.scenarios.campaign.episode import run_episode  # loads all stages of a pick
         from pickproof.scenarios.picking.workcell import check_inputs

@@ -1,8 +1,8 @@
-"""How quick the arm is on real picks, beside what limits allow, and what planning costs (`pickproof benchmark motion`).
+"""Cycle times of planned picks beside their lower bound, and the time of planning (`pickproof benchmark motion`).
 
-Bins are filled and grasps chosen as in a run, with perfect poses; each pick is planned from where the last one ended,
-its workpiece is put where the plan lets it go, and the next image is taken. Nothing is executed: jaws are timed by
-`jaw_times`, which a test holds against the physics. Times of computation are those of one core.
+Bins are filled and grasps chosen as in a run, with poses from ground truth. Each pick is planned from the end of the
+last one, its workpiece is set to the planned place, and the next image is taken. Nothing is executed: `jaw_times` gives
+the time of the jaws (a test compares it with the physics). Computation times are those of one core.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from pickproof.scenarios.picking.stages import Decision
 from pickproof.scenarios.picking.workcell import Workcell
 
 PICKS_OF_A_BIN = 14
-"""Fewer than half of the workpieces: a bin that is nearly empty is another task."""
+"""Picks per bin: fewer than half of the workpieces, since a nearly empty bin is a different task."""
 REPEATS = 3
-"""Times each pick is planned; the quickest counts, as the machine may be busy."""
+"""Number of times each pick is planned; the shortest time counts, as the machine may be busy."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One pick.
+    """Times of one pick.
 
     Attributes:
-        steady: it began where another ended, not at home.
+        steady: it began at the end of another pick, not at home.
         motion_s: of the plan; jaws_s: closing and opening; the workpiece falls while the next image is taken.
         bound_s: of the motion; stop_s: of the motion that stops at every point.
         plan_s: of choosing among the candidates and planning, scene and height field included.
@@ -63,7 +63,7 @@ class Measured:
 
 
 def measure(scenario: Scenario, picks: int) -> Iterator[Measured]:
-    """That many picks, from as many bins as it takes; a bin that offers nothing more is left."""
+    """That many picks, from as many bins as needed; a bin without further picks is left."""
     done, seed = 0, scenario.seed
     while done < picks:
         cell = Workcell.build(scenario, seed)
@@ -79,16 +79,16 @@ def measure(scenario: Scenario, picks: int) -> Iterator[Measured]:
 
 
 def summary(measured: list[Measured]) -> dict[str, Any]:
-    """The figures as they are written: times of the robot over the picks that began where another ended.
+    """The figures for output: robot times over the picks that began at the end of another pick.
 
-    `cycle_over_bound` holds the whole cycle against the bound of its motion and the same time of the jaws, which no
-    motion can save; `motion_over_bound` the motion against the bound of the motion.
+    `cycle_over_bound` is the whole cycle over the bound of its motion plus the same time of the jaws;
+    `motion_over_bound` is the motion over the bound of the motion.
     """
     steady = [m for m in measured if m.steady]
     motion, jaws, bound, stop = (
         np.array([getattr(m, name) for m in steady]) for name in ("motion_s", "jaws_s", "bound_s", "stop_s")
     )
-    cycle, whole = motion + jaws, np.isfinite(stop)  # not every plan's lines can be travelled to their ends
+    cycle, whole = motion + jaws, np.isfinite(stop)  # some plans have lines that the arm cannot follow to their ends
     plan_ms = 1e3 * np.array([m.plan_s for m in measured])
     return {
         "picks": len(measured),
@@ -155,7 +155,7 @@ def _measured(
 def _carry_out(
     cell: Workcell, request: PickRequest, decision: Decision, T_world_part: Array, state: EpisodeState
 ) -> None:
-    """Put the workpiece where the plan lets it go and let everything come to rest; the arm waits there."""
+    """Set the workpiece to its planned place and wait until all is at rest; the arm waits there."""
     plan, candidate = decision.plan, decision.candidate
     assert plan is not None and candidate is not None
     distances = np.linalg.norm(cell.world.part_poses()[:, :3, 3] - T_world_part[:3, 3], axis=1)
@@ -169,14 +169,14 @@ def _carry_out(
 
 
 def _ik_time(robot: RobotModel, request: PickRequest) -> float:
-    """Of one flange pose among 1,000, in [s]."""
+    """Time of inverse kinematics per flange pose, over 1,000 poses, in [s]."""
     Ts = request.places.Ts_base_tool @ invert(request.hand.T_flange_tool)
     Ts = np.concatenate([Ts] * (1000 // len(Ts) + 1))[:1000]
     return _quickest(lambda: inverse(robot, Ts, request.q_start))[0] / len(Ts)
 
 
 def _collision_time(scene: CollisionScene, request: PickRequest, plan: PickPlan) -> float:
-    """Of one check of arm, tool and held part on the way to the place, in [s]."""
+    """Time of one collision check of arm, tool and held part on the path to the place, in [s]."""
     scene.hold(request.part.held.seen_from(request.hand.T_flange_tool))
     rows = plan.carry.q[:: max(1, len(plan.carry.q) // 50)]
     seconds, _ = _quickest(lambda: [scene.free(q) for q in rows])
@@ -185,7 +185,7 @@ def _collision_time(scene: CollisionScene, request: PickRequest, plan: PickPlan)
 
 
 def _quickest(call: Callable[[], Any]) -> tuple[float, Any]:
-    """Processor time in [s] and the result."""
+    """Processor time in [s] of a call, and its result."""
     seconds, result = np.inf, None
     for _ in range(REPEATS):
         start = time.process_time()

@@ -1,4 +1,4 @@
-"""Work that is no episode, in processes of this machine: one thread each, results in the order of the tasks."""
+"""Parallel work other than episodes, in processes of this machine: one thread each, results in task order."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pickproof.cell.child_process import child_environment
 from pickproof.scenarios.campaign.executor import WORKER_ENVIRONMENT
 
 Map = Callable[..., Iterator[Any]]
-"""As the built-in `map`: a function and its tasks to its results, in their order."""
+"""Signature of a map: a function and its tasks to the results, in the order of the tasks."""
 
 
 @contextmanager
 def mapping(workers: int) -> Iterator[Map]:
-    """A `map` over `workers` processes, or in this one; its function must not remember what it did before."""
+    """A `map` over `workers` processes, or in this process; its function must not keep state between tasks."""
     if workers == 1:
         yield map
         return
@@ -32,7 +32,7 @@ def mapping(workers: int) -> Iterator[Map]:
 
 
 def _start() -> None:
-    """Of a worker: Ctrl-C reaches the whole group, the driver ends the workers; stdout may be a JSON document's."""
+    """Set up a worker: it ignores Ctrl-C (the driver ends it), and does not write to stdout, which may hold JSON."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)

@@ -1,8 +1,7 @@
 """Episodes in worker processes of this machine.
 
-Each worker is a fresh process (spawn) with a pipe of its own: one that is killed in the middle of a message, or while
-it waits for one, harms no other. Pools whose workers share a queue cannot say that: they share its locks too, and a
-lock that a killed process held stays locked.
+Each worker is a new process (spawn) with its own pipe, so a killed worker does not affect the others. In a pool with a
+shared queue, a lock held by a killed process stays locked.
 """
 
 from __future__ import annotations
@@ -45,11 +44,11 @@ class _Worker:
 
 
 class Workers:
-    """Worker processes; each takes one seed at a time and sends events until the episode has ended.
+    """Worker processes; each runs one seed at a time and sends events until the episode has ended.
 
     Args:
         size: processes at most.
-        interrupted: asked several times a second whether to stop.
+        interrupted: called several times per second; True stops the pool.
     """
 
     def __init__(self, task: Task, size: int, interrupted: Callable[[], bool]) -> None:

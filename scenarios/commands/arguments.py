@@ -55,7 +55,7 @@ def parse_integer(low: int, high: int) -> Callable[[str], int]:
 
 
 def parse_number(low: float, high: float, above: bool = False) -> Callable[[str], float]:
-    """A parser of numbers from `low` to `high`, or `above` low; NaN is none."""
+    """A parser of numbers from `low` to `high`, or above `low`; NaN is refused."""
 
     def parse(text: str) -> float:
         try:
@@ -82,14 +82,14 @@ def parse_fraction(text: str) -> float:
 
 
 def parse_path(text: str) -> Path:
-    """A path; an empty word, as of a variable that is not set, would be the current folder."""
+    """A path; an empty word, as from an unset variable, is refused, since it would mean the current folder."""
     if not text.strip():
         raise ValueError(f"{text!r} is not valid; expected a path")
     return Path(text)
 
 
 def parse_file_to_write(text: str) -> Path:
-    """Where a file can be written, which is found out before the work that fills it."""
+    """A path where a file can be written; checked before the work begins."""
     path = parse_path(text)
     if path.is_dir():
         raise ValueError(f"{text!r} is not valid; expected a file, this is a folder")
@@ -98,7 +98,7 @@ def parse_file_to_write(text: str) -> Path:
 
 
 def parse_folder_to_write(text: str) -> Path:
-    """A folder that exists or can be made, which is found out before the work that fills it."""
+    """A folder that exists or can be created; checked before the work begins."""
     path = parse_path(text)
     if path.exists() and not path.is_dir():
         raise ValueError(f"{text!r} is not valid; expected a folder, this is a file")
@@ -109,7 +109,7 @@ def parse_folder_to_write(text: str) -> Path:
 def _check_room(text: str, path: Path) -> None:
     above = next(p for p in (path.absolute(), *path.absolute().parents) if p.exists())
     if above != path.absolute() and not above.is_dir():
-        raise ValueError(f"{text!r} is not valid; {above} is a file, and holds nothing")
+        raise ValueError(f"{text!r} is not valid; {above} is a file; expected a folder")
     if not os.access(above, os.W_OK):
         raise ValueError(f"{text!r} is not valid; {above} cannot be written")
 
@@ -130,8 +130,8 @@ FOLDER_TO_WRITE = read_by(parse_folder_to_write)
 FRACTION = read_by(parse_fraction)
 
 ScenarioName = Annotated[str, about("a name that `pickproof list` shows, or a YAML file")]
-ResultsFolder = Annotated[Path, SOME_PATH, about("where `pickproof run` wrote its results")]
-AttemptIndex = Annotated[str, about("index in the report's list of every attempt")]
+ResultsFolder = Annotated[Path, SOME_PATH, about("folder of results of `pickproof run`")]
+AttemptIndex = Annotated[str, about("number of the attempt in the report's list")]
 Seed = Annotated[int | None, integer(0, MAX_SEED), about("of the first episode; default: the scenario's")]
 Workers = Annotated[int, integer(1, 256), about("processes")]
 JsonFile = Annotated[Path | None, FILE_TO_WRITE, about("write the figures to this file as JSON")]
@@ -153,13 +153,13 @@ class ScenarioChanges(ScenarioFields):
 
 
 def search_folders(given: Sequence[str], makes_first: bool = False) -> str:
-    """The new PICKPROOF_WORKPIECES, from the folders that --workpieces names; empty where none was given.
+    """The new PICKPROOF_WORKPIECES, from the folders of --workpieces; empty where none is given.
 
     Args:
         makes_first: the command creates the first of them where it does not exist, as `onboard` does.
 
     Raises:
-        InputError: one does not exist, or is no folder.
+        InputError: one does not exist, or is not a folder.
     """
     for i, folder in enumerate(given):
         may_be_new = makes_first and i == 0 and bool(folder) and not Path(folder).exists()

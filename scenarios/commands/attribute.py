@@ -1,4 +1,4 @@
-"""`pickproof attribute SCENARIO`: what each stage of a pick costs, and so what to improve first."""
+"""`pickproof attribute SCENARIO`: loss of pick success by stage, and which stage to improve first."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from pickproof.scenarios.commands.invocation import command_line
 class AttributeOptions(ScenarioChanges):
     """Options of `pickproof attribute`."""
 
-    episodes: Annotated[int, integer(2, 1_000_000), about("of each of four campaigns over the same bins")] = 10
+    episodes: Annotated[int, integer(2, 1_000_000), about("episodes of each of four campaigns over the same bins")] = 10
     seed: Seed = None
     out: Annotated[Path | None, FOLDER_TO_WRITE, about("default: out/attribute-SCENARIO")] = None
-    resume: Annotated[bool, about("continue what --out holds")] = False
+    resume: Annotated[bool, about("continue the campaigns in --out")] = False
     json: Annotated[bool, about("print the result as JSON; progress goes to stderr")] = False
 
 
@@ -49,7 +49,12 @@ def attribute(
     from pickproof.scenarios.results.store import FILE
 
     if options.oracle:
-        raise InputError("command line", "--oracle", " ".join(options.oracle), "none: all of them are run one by one")
+        raise InputError(
+            "command line",
+            "--oracle",
+            " ".join(options.oracle),
+            "no --oracle: the command runs all oracle modes itself",
+        )
     chosen = load_scenario(scenario, list(options.set))
     if options.seed is not None:
         chosen = chosen.model_copy(update={"seed": options.seed})

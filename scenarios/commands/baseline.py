@@ -28,13 +28,13 @@ class BaselineOptions(ScenarioChanges):
     baseline: Annotated[Path | None, FILE_TO_WRITE, about("default: NAME.baseline.json")] = None
     episodes: Annotated[int, integer(1, 100_000), about("bins")] = 200
     seed: Seed = None
-    whole: Annotated[bool, about("run whole episodes, not their first attempts alone")] = False
+    whole: Annotated[bool, about("run whole episodes, not only their first attempts")] = False
     out: Annotated[Path | None, FOLDER_TO_WRITE, about("results of the run; default: out/baseline-SCENARIO")] = None
     resume: Annotated[bool, about("continue the run in --out")] = False
 
 
 def baseline(
-    source: Annotated[str, about("a scenario to run, or the folder of a campaign that was run")],
+    source: Annotated[str, about("a scenario to run, or the folder of a finished campaign")],
     /,
     *,
     options: Annotated[BaselineOptions, Flat] = BaselineOptions(),

@@ -1,4 +1,4 @@
-"""`pickproof benchmark campaign`: attempts an hour of a core, where their time goes, what engine and workers cost."""
+"""`pickproof benchmark campaign`: attempts per hour and core, time by stage, overhead of engine and workers."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def _show(figures: dict[str, Any], scenario: Scenario) -> None:
 
     table = Table(title=f"campaigns of {scenario.name}", show_header=False)
     hourly = figures["picks_per_hour_core"]
-    table.add_row("attempts an hour of one core, perfect poses", f"{hourly['oracle']:.0f}")
-    table.add_row("attempts an hour of one core, PS6D", f"{hourly['ps6d']:.0f}")
-    table.add_row("two workers against one, by the clock", f"{figures['two_worker_speedup']:.2f}")
-    table.add_row("  by processor time", f"{figures['two_worker_speedup_processor']:.2f}")
-    table.add_row("engine over a bare loop", f"{100 * figures['engine_overhead']:.2f} %")
+    table.add_row("attempts per hour and core, perfect poses", f"{hourly['oracle']:.0f}")
+    table.add_row("attempts per hour and core, PS6D", f"{hourly['ps6d']:.0f}")
+    table.add_row("two workers over one, wall time", f"{figures['two_worker_speedup']:.2f}")
+    table.add_row("  processor time", f"{figures['two_worker_speedup_processor']:.2f}")
+    table.add_row("campaign engine over a plain loop", f"{100 * figures['engine_overhead']:.2f} %")
     for name, seconds in figures["split_s"].items():
-        table.add_row(f"  {name}", f"{seconds:.3f} s an attempt")
+        table.add_row(f"  {name}", f"{seconds:.3f} s per attempt")
     table.add_row("processors busy with other work", f"{figures['elsewhere']:.2f}")
     Console().print(table)

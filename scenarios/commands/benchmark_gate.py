@@ -10,7 +10,7 @@ from pickproof.scenarios.commands.arguments import MAX_SEED, JsonFile, about, in
 def benchmark_gate(
     *,
     campaigns: Annotated[int, integer(10, 1_000_000), about("simulated gates")] = 10_000,
-    seed: Annotated[int, integer(0, MAX_SEED), about("of the simulation")] = 0,
+    seed: Annotated[int, integer(0, MAX_SEED), about("seed of the simulation")] = 0,
     json: JsonFile = None,
 ) -> int:
     """`pickproof benchmark gate`."""

@@ -1,4 +1,4 @@
-"""`pickproof benchmark motion`: how quick the arm is on real picks, beside what limits allow."""
+"""`pickproof benchmark motion`: cycle times of planned picks beside their lower bound."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def benchmark_motion(
     scenario: Annotated[str, about("a name that `pickproof list` shows, or a YAML file")] = "bracket",
     /,
     *,
-    picks: Annotated[int, integer(2, 10_000), about("picks that are planned")] = 42,
+    picks: Annotated[int, integer(2, 10_000), about("number of planned picks")] = 42,
     json: JsonFile = None,
 ) -> int:
     """`pickproof benchmark motion`."""
@@ -26,7 +26,9 @@ def benchmark_motion(
     chosen = load_scenario(scenario)
     measured = list(measure(chosen, picks))
     if not any(m.steady for m in measured):
-        raise InputError("command line", "SCENARIO", scenario, "one whose workpieces can be picked one after another")
+        raise InputError(
+            "command line", "SCENARIO", scenario, "a scenario whose workpieces can be picked one after another"
+        )
     figures = summary(measured)
     if json is not None:
         write_json(json, figures)

@@ -20,10 +20,12 @@ class BenchmarkOptions:
     """Options of `pickproof benchmark perception`."""
 
     frames: Annotated[int, integer(1, 10_000), about("held-out heaps of each workpiece")] = 50
-    ppf_frames: Annotated[int | None, integer(1, 10_000), about("fewer of them for PPF; default: --frames")] = None
+    ppf_frames: Annotated[int | None, integer(1, 10_000), about("heaps for PPF, which is slow; default: --frames")] = (
+        None
+    )
     methods: Annotated[tuple[Method, ...], about("rows of Table I", consume_multiple=True)] = METHODS
     ablations: Annotated[bool, about("Table II too (ps6d_23, ps6d_24, candlestick)")] = False
-    stages: Annotated[bool, about("time each stage of perception on one core")] = False
+    stages: Annotated[bool, about("measure the time of each stage of perception on one core")] = False
     weights_folder: Annotated[
         Path | None, about("folder with NAME/ps6d.safetensors in place of the shipped weights")
     ] = None
@@ -33,7 +35,7 @@ class BenchmarkOptions:
     ] = None
     workers: Annotated[Workers, about("processes of one thread")] = 1
     out: Annotated[Path, about("output folder")] = Path("out") / "benchmark"
-    resume: Annotated[bool, about("keep what --out holds of the same settings")] = False
+    resume: Annotated[bool, about("keep results in --out with the same settings")] = False
     json: Annotated[bool, about("print benchmark.json alone; the rest goes to stderr")] = False
 
 

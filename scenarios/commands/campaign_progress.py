@@ -16,14 +16,14 @@ from pickproof.scenarios.results.summary import counted, counts, interval, perce
 from pickproof.scenarios.statistics.intervals import wilson
 
 MEMORY_S = 3600.0
-"""Time that the estimate of the time left looks back: an episode lasts minutes."""
+"""Time span [s] from which the remaining time is estimated: an episode takes minutes."""
 
 
 class CampaignProgress:
-    """Progress of a campaign in the terminal; give `update` to the campaign. A line an episode where no terminal is.
+    """Progress of a campaign in the terminal; pass `update` to the campaign. Without a terminal, one line per episode.
 
     Args:
-        total: episodes that the campaign has in all; done: records that it began with, when resumed.
+        total: number of episodes of the campaign; done: records that existed at the start, when resumed.
         parts: workpieces an episode drops.
     """
 
@@ -55,7 +55,7 @@ class CampaignProgress:
         self._bar.stop()
 
     def update(self, event: Event) -> None:
-        """Take note of an event."""
+        """Show an event."""
         mine = self._of_seed.setdefault(event.seed, [])
         if event.attempt is not None:
             mine.append(event.attempt)
@@ -66,16 +66,16 @@ class CampaignProgress:
                 f"episode {e.seed}: {e.end}, {e.parts_picked} of {e.parts_dropped} picked in {tried} attempts, "
                 f"{e.wall_s:.0f} s"
             )
-            # where there is no terminal, the lines are all the progress that one sees
+            # without a terminal, these lines are the only progress
             self._console.print(line if self._console.is_terminal else f"{line}; {self._so_far()}", soft_wrap=True)
         else:
             mine.clear()
-            self._console.print(f"episode {event.seed}: its worker died or hung, run again")
+            self._console.print(f"episode {event.seed}: its worker crashed or hung; the episode is repeated")
         self._bar.update(self._task, completed=self._finished(), description=self._so_far())
         self._bar.below = rates([a for of_one in self._of_seed.values() for a in of_one])
 
     def _finished(self) -> float:
-        """Episodes that ended; one that runs counts by the share of its workpieces that are out."""
+        """Ended episodes; a running one counts by its share of picked workpieces."""
         running = sum(
             min(0.95, sum(a.success for a in mine) / self._parts)
             for seed, mine in list(self._of_seed.items())[self._before :]
@@ -88,12 +88,12 @@ class CampaignProgress:
 
 
 class _Bar(Progress):
-    """rich's progress with lines below it."""
+    """rich's progress display with lines below it."""
 
     below: tuple[Text, ...] = ()
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        """As rich's, and the lines."""
+        """The parts of rich's display, then the lines."""
         yield from super().get_renderables()
         yield from self.below
 

@@ -1,7 +1,7 @@
 """The command line.
 
-Exit codes: 0 done, 1 a gate said no, 2 bad input, 3 undecided, 70 a fault of the program, 130 interrupted. Nothing but
-a gate returns 1, which is what Python itself returns for a traceback.
+Exit codes: 0 done, 1 a gate failed, 2 bad input, 3 undecided, 70 internal error, 130 interrupted. Only a gate returns
+    1; Python itself would return 1 for a traceback.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from pickproof.scenarios.commands.registry import build_app
 from pickproof.scenarios.commands.streams import lasting_streams, to_nowhere
 
 INTERNAL = 70
-"""EX_SOFTWARE of sysexits.h: an exception that nobody expected."""
+"""EX_SOFTWARE of sysexits.h: an unexpected exception."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code, which a reader of the output that goes away does not change."""
+    """Run a command; returns the exit code. A closed reader of the output does not change it."""
     words = list(sys.argv[1:] if argv is None else argv)
     with lasting_streams():
         code = _guarded(words)
@@ -65,7 +65,7 @@ def _guarded(words: list[str]) -> int:
 
 
 def _noted(error: Exception) -> str:
-    """Where the traceback was written, in words; nothing where no file can be written."""
+    """Text that names the file of the traceback; empty where no file can be written."""
     try:
         handle, file = tempfile.mkstemp(prefix="pickproof-", suffix=".txt")
         with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as out:

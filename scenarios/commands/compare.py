@@ -11,7 +11,7 @@ from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, SOME_PATH, abo
 
 def compare(
     a: Annotated[Path, SOME_PATH, about("folder of a campaign")],
-    b: Annotated[Path, SOME_PATH, about("folder of another over the same bins")],
+    b: Annotated[Path, SOME_PATH, about("folder of another campaign over the same bins")],
     /,
     *,
     json: Annotated[Path | None, FILE_TO_WRITE, about("write the comparison to this file as JSON")] = None,

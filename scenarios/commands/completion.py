@@ -8,7 +8,7 @@ from pickproof.scenarios.commands.arguments import about
 
 
 def completion(shell: Annotated[Literal["bash", "zsh", "fish"], about("the shell")], /) -> int:
-    """Print the script; `eval "$(pickproof completion bash)"` turns it on."""
+    """Print the script; `eval "$(pickproof completion bash)"` enables it."""
     from pickproof.scenarios.commands.registry import build_app
 
     print(build_app().generate_completion(prog_name="pickproof", shell=shell))

@@ -28,7 +28,7 @@ class EvaluateOptions(SourceOptions, NoiseOptions):
     """Options of `pickproof evaluate`."""
 
     frames: Annotated[
-        int | None, integer(1, 1_000_000), about("heaps; default: 50 held-out ones, or all given ones")
+        int | None, integer(1, 1_000_000), about("number of heaps; default: 50 held-out ones, or all given ones")
     ] = None
     seed: Annotated[int, integer(0, MAX_SEED), about("added to the first held-out seed")] = 0
     bop_results: Annotated[Path | None, about("write the poses found in --bop to this file as BOP's CSV")] = None
@@ -53,7 +53,7 @@ def evaluate(
 
     if options.bop is not None and (options.sensor or options.no_noise):
         option, value = ("--sensor", options.sensor) if options.sensor else ("--no-noise", "given")
-        raise InputError("command line", option, value, "none with --bop, whose images were measured")
+        raise InputError("command line", option, value, "no sensor option with --bop: its images are measured")
     if options.bop_results is not None and options.bop is None:
         raise InputError("command line", "--bop-results", str(options.bop_results), "to stand beside --bop DIR")
     asked = EvaluationRequest(
@@ -94,5 +94,5 @@ def _print(console: Console, workpiece: Workpiece, data: dict[str, Any]) -> None
         table.add_row(name, *cells, f"{m['seconds_per_frame']['total']:.2f}")
     console.print(table)
     split = data["methods"][data["shown"]]["seconds_per_frame"]
-    console.print("seconds a frame: " + ", ".join(f"{k} {v:.3f}" for k, v in split.items()))
+    console.print("seconds per frame: " + ", ".join(f"{k} {v:.3f}" for k, v in split.items()))
     console.print(f"expected calibration error {data['calibration']['ece']:.3f}")

@@ -1,4 +1,4 @@
-"""`pickproof explain DIR --attempt N`: why one attempt did what it did."""
+"""`pickproof explain DIR --attempt N`: the decisions of one attempt."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def explain(
     /,
     *,
     attempt: AttemptIndex,
-    all: Annotated[bool, about("all estimates, not the first ones alone")] = False,
+    all: Annotated[bool, about("show all estimates, not only the first ones")] = False,
     json: Annotated[bool, about("print the tree as JSON")] = False,
 ) -> int:
     """`pickproof explain DIR --attempt N`."""

@@ -21,7 +21,7 @@ def fit_score(
     frames: Annotated[int, integer(2, 1_000_000), about("validation heaps")] = 40,
     weights: Annotated[Path | None, about("weights to calibrate; default: the shipped ones")] = None,
     workers: Workers = 1,
-    out: Annotated[Path | None, about("file; default: score.json beside the workpiece")] = None,
+    out: Annotated[Path | None, about("output file; default: score.json in the workpiece's folder")] = None,
 ) -> int:
     """`pickproof fit-score WORKPIECE`; 3 where the examples are too few or the fit is no better than the default."""
     from rich.console import Console
@@ -44,7 +44,7 @@ def fit_score(
     )
     _print_half(console, result.record.get("unfitted_half"))
     if result.model is None:
-        console.print(f"nothing written, the default score stays: {result.reason}")
+        console.print(f"nothing written, the default score is kept: {result.reason}")
         return 3
     source = {"command": command_line(), "weights": file_hash(weights or weights_path(part)), "frames": frames}
     result.model.save(file, source | result.record)

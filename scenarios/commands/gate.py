@@ -28,13 +28,13 @@ Measure = Literal["first_attempt", "success", "clearance"]
 class GateOptions(ScenarioChanges):
     """Options of `pickproof gate`; the defaults of margin, alpha and power are those of `Rule`."""
 
-    baseline: Annotated[Path, SOME_PATH, about("that `pickproof baseline` wrote")]
-    measure: Annotated[Measure, about("what is compared")] = "first_attempt"
-    margin: Annotated[float, FRACTION, about("loss that must not pass")] = 0.02
-    alpha: Annotated[float, FRACTION, about("chance of a false alarm")] = 0.05
-    power: Annotated[float, FRACTION, about("1 - chance to pass what lost the margin")] = 0.9
+    baseline: Annotated[Path, SOME_PATH, about("file written by `pickproof baseline`")]
+    measure: Annotated[Measure, about("measure that is compared")] = "first_attempt"
+    margin: Annotated[float, FRACTION, about("loss that the gate must detect")] = 0.02
+    alpha: Annotated[float, FRACTION, about("probability of a false alarm")] = 0.05
+    power: Annotated[float, FRACTION, about("probability of detecting a loss of the margin")] = 0.9
     max_episodes: Annotated[
-        int | None, integer(1, 100_000), about("most episodes; default: all that the baseline holds")
+        int | None, integer(1, 100_000), about("largest number of episodes; default: all of the baseline")
     ] = None
     out: Annotated[Path | None, FOLDER_TO_WRITE, about("default: out/gate-SCENARIO")] = None
     resume: Annotated[bool, about("continue the gate in --out")] = False
@@ -63,7 +63,7 @@ def gate(scenario: ScenarioName, /, *, options: Annotated[GateOptions, Flat]) ->
     if options.resume and not (options.out and (options.out / FILE).is_file()):
         raise InputError("command line", "--resume", str(options.out), "--out DIR with the results to continue")
     out = options.out or free_folder(Path("out") / f"gate-{chosen.name}")
-    with Console(stderr=True).status("no episode yet") as status:
+    with Console(stderr=True).status("no episodes yet") as status:
         result = run_gate(
             chosen,
             baseline,

@@ -1,4 +1,4 @@
-"""`pickproof generate WORKPIECE`: settled scenes, from a lone workpiece to a full heap, and their export."""
+"""`pickproof generate WORKPIECE`: settled scenes, from a single workpiece to a full heap, and their export."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class GenerateOptions(NoiseOptions):
     """Options of `pickproof generate`; --sensor and --no-noise are of the dataset."""
 
     scenes: Annotated[int, integer(1, MAX_SCENES), about("settled scenes")] = 100
-    seed: Annotated[int, integer(0, MAX_SCENES), about("of the first scene; scene i is that of seed + i")] = 0
+    seed: Annotated[int, integer(0, MAX_SCENES), about("seed of the first scene; scene i has seed + i")] = 0
     count: Annotated[
         tuple[int, int] | None,
         read_by(parse_range),
@@ -43,9 +43,9 @@ class GenerateOptions(NoiseOptions):
     workers: Workers = 1
     out: Annotated[Path | None, about("folder of the set; default: out/data/WORKPIECE")] = None
     export: Annotated[
-        tuple[Literal["bop"], Path] | None, about("FORMAT DIR: write the scenes as a dataset too; the format is bop")
+        tuple[Literal["bop"], Path] | None, about("FORMAT DIR: also write a dataset; the only format is bop")
     ] = None
-    views: Annotated[int, integer(1, 1000), about("images of a scene in the dataset")] = 1
+    views: Annotated[int, integer(1, 1000), about("images per scene in the dataset")] = 1
     split: Annotated[str, about("split of the dataset")] = "train"
 
 

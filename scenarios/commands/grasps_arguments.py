@@ -12,15 +12,12 @@ if TYPE_CHECKING:
 
 WorkpieceName = Annotated[str, about("a name that `pickproof list` shows")]
 GripperName = Annotated[str | None, about("default: that of the workpiece's grasps.yaml, jaw_v1 where there is none")]
-TextFile = Annotated[Path | None, FILE_TO_WRITE, about("write there; default: to standard output")]
+TextFile = Annotated[Path | None, FILE_TO_WRITE, about("output file; default: standard output")]
 Six = tuple[float, float, float, float, float, float]
 Tool = Annotated[
     Six,
     read_by(parse_number(-1000, 1000), many=True),
-    about(
-        "X Y Z ROLL PITCH YAW: our tool centre point in the other program's gripper frame, in m and degrees; default: "
-        "that frame"
-    ),
+    about("X Y Z ROLL PITCH YAW: the TCP in the other program's gripper frame, in m and degrees; default: that frame"),
 ]
 NO_OFFSET: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -35,7 +32,7 @@ def tool_transform(tool: Six) -> Array:
 
 
 def write_text(text: str, path: Path | None) -> int:
-    """Print a text, or write it to a file and say so."""
+    """Print a text, or write it to a file and report that."""
     from pickproof.scenarios.files.atomic import write_whole
 
     if path is None:

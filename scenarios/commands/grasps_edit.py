@@ -1,4 +1,4 @@
-"""`pickproof grasps edit WORKPIECE`: grasps moved, judged, tried and saved on a page in the browser."""
+"""`pickproof grasps edit WORKPIECE`: move, check, try and save grasps in the browser."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ def edit(
     grasps: Annotated[Path | None, FILE_TO_WRITE, about("default: the workpiece's grasps.yaml")] = None,
     port: Annotated[int, integer(0, 65535), about("of the page")] = 8080,
     host: Annotated[str, about("address of this machine to listen on")] = HOST,
-    token: Annotated[str | None, about("of the page's address, at least 16 characters; default: drawn at random")] = None,
+    token: Annotated[
+        str | None, about("of the page's address, at least 16 characters; default: drawn at random")
+    ] = None,
 ) -> int:
     """`pickproof grasps edit WORKPIECE`."""
     from rich.console import Console

@@ -58,6 +58,6 @@ def robustness(
     for grasp in grasps:
         console.print(f"{grasp.grasp}: {verdict(grasp, errors)}", soft_wrap=True, highlight=False)
     if errors is None:
-        console.print(f"errors of perception are not known: pickproof evaluate {part.name}", soft_wrap=True)
+        console.print(f"errors of perception are unknown; run: pickproof evaluate {part.name}", soft_wrap=True)
     console.print(f"wrote robustness.json and robustness.png to {out}", soft_wrap=True)
     return 0

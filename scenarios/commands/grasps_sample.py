@@ -15,8 +15,8 @@ def sample(
     *,
     gripper: GripperName = None,
     count: Annotated[int, integer(1, 10_000), about("proposals tried")] = 12,
-    seed: Annotated[int, integer(0, MAX_SEED), about("of the rays through the CAD")] = 0,
-    least: Annotated[float, number(0, 0.999), about("share of pose errors that a kept grasp tolerates")] = 0.5,
+    seed: Annotated[int, integer(0, MAX_SEED), about("seed of the rays through the CAD")] = 0,
+    least: Annotated[float, number(0, 0.999), about("smallest share of pose errors that a kept grasp tolerates")] = 0.5,
     out: TextFile = None,
 ) -> int:
     """`pickproof grasps sample WORKPIECE`."""
@@ -30,7 +30,9 @@ def sample(
     part, hand = workpiece_and_gripper(workpiece, gripper)
     points = tried(part, hand, propose(part, hand, count, np.random.default_rng(seed)), least)
     if not points:
-        raise InputError("command line", "workpiece", part.name, f"one that {hand.name} can hold")
+        raise InputError(
+            "command line", "workpiece", part.name, f"a workpiece that {hand.name} can hold; try another --gripper"
+        )
     how = f"{part.name} --gripper {hand.name} --count {count} --seed {seed} --least {least:g}"
     comment = f"Proposed by `pickproof grasps sample {how}`.\nSchema: docs/reference/grasps-file.md."
     return write_text(table_text(points, hand.name, comment), out)

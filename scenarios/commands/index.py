@@ -9,7 +9,9 @@ from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, about, parse_p
 
 
 def index(
-    directories: Annotated[tuple[Path, ...], read_by(parse_path, many=True), about("of a run, or with runs below it")],
+    directories: Annotated[
+        tuple[Path, ...], read_by(parse_path, many=True), about("folder of a run, or with runs below it")
+    ],
     /,
     *,
     out: Annotated[Path | None, FILE_TO_WRITE, about("default: out/index.html")] = None,

@@ -1,4 +1,4 @@
-"""The words of the command line that runs, for the `command` that results and records hold."""
+"""The words of the running command line, for the field `command` of results and records."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _words: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 
 @contextmanager
 def invoked_with(words: Sequence[str]) -> Iterator[None]:
-    """Meanwhile `command_line` tells these words."""
+    """Inside this context `command_line` returns these words."""
     token = _words.set(tuple(words))
     try:
         yield
@@ -21,5 +21,5 @@ def invoked_with(words: Sequence[str]) -> Iterator[None]:
 
 
 def command_line() -> str:
-    """The command line as a shell takes it, with `pickproof` as the program."""
+    """The command line in shell syntax, with `pickproof` as the program."""
     return f"pickproof {shlex.join(_words.get())}"

@@ -1,4 +1,4 @@
-"""`pickproof onboard`: a user's CAD made a workpiece, with grasps, a cell for it and a page that shows all of it."""
+"""`pickproof onboard`: makes a workpiece from a CAD file, with grasps, a scenario and a page that shows the result."""
 
 from __future__ import annotations
 
@@ -35,13 +35,10 @@ class OnboardOptions:
     symmetry: Annotated[
         tuple[float, float, float] | None,
         read_by(parse_number(0, 360), many=True),
-        about(
-            "DX DY DZ: smallest turn about x, y, z of the part's frame that changes nothing, 0 for none; default: "
-            "as found"
-        ),
+        about("DX DY DZ: smallest symmetric rotation about x, y, z of the part frame, 0 for none; default: as found"),
     ] = None
-    yes: Annotated[bool, about("take the symmetry that is found without asking")] = False
-    replace: Annotated[bool, about("write over a workpiece of this name, weights included")] = False
+    yes: Annotated[bool, about("accept the detected symmetry without a question")] = False
+    replace: Annotated[bool, about("overwrite a workpiece of this name, weights included")] = False
 
 
 def onboard(
@@ -65,7 +62,7 @@ def onboard(
     target = target_of(options.name, options.replace)
     if target.hides_shipped:
         print(
-            f"{options.name}: this one will come before the shipped one, wherever {target.root} is searched",
+            f"{options.name}: replaces the shipped workpiece of this name where {target.root} is on the search path",
             file=sys.stderr,
         )
     if options.symmetry is not None:
@@ -81,7 +78,7 @@ def onboard(
 
 
 def decided(options: OnboardOptions, found: FoundSymmetry) -> Degrees:
-    """The symmetry as told, as found, or as answered."""
+    """The symmetry as given, as found, or as answered."""
     from pickproof.scenarios.onboarding.onboard import three_angles
 
     if options.symmetry is not None:

@@ -1,4 +1,4 @@
-"""`pickproof perceive WORKPIECE INPUT`: the poses of workpieces in a depth image or point cloud of the user's own."""
+"""`pickproof perceive WORKPIECE INPUT`: poses of workpieces in a user's depth image or point cloud."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pickproof.scenarios.commands.perception_arguments import MethodName, Workpi
 if TYPE_CHECKING:
     from pickproof.perception.own_images.user_frame import Options
 
-_WHERE = Group("where the workpieces lie, one of", validator=MutuallyExclusive())
+_WHERE = Group("region of the workpieces, one of", validator=MutuallyExclusive())
 Box = tuple[float, float, float, float, float, float]
 
 
@@ -32,17 +32,19 @@ class PerceiveOptions:
     fy: Annotated[float | None, about("focal length in pixels")] = None
     cx: Annotated[float | None, about("principal point in pixels")] = None
     cy: Annotated[float | None, about("principal point in pixels")] = None
-    depth_scale: Annotated[float | None, about("millimetres a count of a depth image")] = None
+    depth_scale: Annotated[float | None, about("millimetres per count of a depth image")] = None
     camera_id: Annotated[int | None, about("entry of a scene_camera.json; default: by name")] = None
     depth_is: Annotated[Literal["z", "range"], about("range: the length of the ray")] = "z"
-    unit: Annotated[Literal["cm", "m", "mm"] | None, about("of a cloud or of depth in floats; default: m")] = None
+    unit: Annotated[
+        Literal["cm", "m", "mm"] | None, about("unit of a cloud or of a floating-point depth image; default: m")
+    ] = None
     camera_pose: Annotated[Path | None, about("file with the 4 x 4 T_world_camera of the input, in m")] = None
     sigma: Annotated[float | None, about("noise of a depth in m; default: measured in the input")] = None
     roi: Annotated[Box | None, about("X0 Y0 Z0 X1 Y1 Z1: box that holds the workpieces, in m", group=_WHERE)] = None
     bin: Annotated[Path | None, about("YAML with inner and T_world_bin, in m", group=_WHERE)] = None
     weights: Annotated[Path | None, about("default: the shipped ones")] = None
     method: MethodName = "auto"
-    seed: Annotated[int, integer(0, MAX_SEED), about("of the voting points")] = 0
+    seed: Annotated[int, integer(0, MAX_SEED), about("seed of the voting points")] = 0
     json: Annotated[bool, about("print the poses as JSON")] = False
     out: Annotated[Path | None, about("output folder; default: out/perceive/WORKPIECE")] = None
 
@@ -86,7 +88,7 @@ def _warn(text: str) -> None:
 
 
 def _of_input(options: PerceiveOptions) -> Options:
-    """What the options say of the input."""
+    """The description of the input from the options."""
     from pickproof.perception.camera_files.check import check_sigma, check_step
     from pickproof.perception.data.bop_format import MM
     from pickproof.perception.own_images.user_frame import Options

@@ -21,7 +21,7 @@ MethodName = Annotated[
     Method,
     about("ps6d: trained network; search: no training; both; auto: ps6d where weights exist, else search"),
 ]
-_SCENES = Group("scenes of your own, one of", validator=MutuallyExclusive())
+_SCENES = Group("own scenes, one of", validator=MutuallyExclusive())
 _NOISE = Group("noise of the camera, one of", validator=MutuallyExclusive())
 
 
@@ -29,14 +29,14 @@ _NOISE = Group("noise of the camera, one of", validator=MutuallyExclusive())
 class SourceOptions:
     """--data, --bop, --split, --bop-sensor and --obj."""
 
-    data: Annotated[Path | None, about("scenes that `pickproof generate` settled", group=_SCENES)] = None
+    data: Annotated[Path | None, about("folder of scenes of `pickproof generate`", group=_SCENES)] = None
     bop: Annotated[Path | None, about("depth images and poses of a BOP dataset", group=_SCENES)] = None
-    split: Annotated[str | None, about("of --bop, as train_pbr; default: the only one")] = None
-    bop_sensor: Annotated[str | None, about("of --bop with several, as photoneo")] = None
+    split: Annotated[str | None, about("split of --bop, as train_pbr; default: the only one")] = None
+    bop_sensor: Annotated[str | None, about("sensor of --bop with several, as photoneo")] = None
     obj: Annotated[int | None, about("object of --bop; default: the only one")] = None
 
     def source(self) -> "SceneSource":
-        """As perception takes it."""
+        """The source of scenes in the form that perception takes."""
         from pickproof.perception.training.scene_source import SceneSource
 
         return SceneSource(self.data, self.bop, self.split, self.bop_sensor, self.obj)

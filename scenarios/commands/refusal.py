@@ -1,4 +1,4 @@
-"""What is wrong with a command line, in one line that names argument, value and valid values.
+"""The error of a command line, in one line that names argument, value and valid values.
 
 cyclopts' own texts are not used: they leave out the valid values, some take several lines, and that for an unknown
 command imports every command to list them.
@@ -31,7 +31,7 @@ def refusal(error: CycloptsError) -> str:
 
 
 def no_command(app: App) -> str:
-    """The line for a command line that ends before a command is named."""
+    """The message for a command line without a command."""
     return f"argument COMMAND is missing; expected one of: {', '.join(commands_of(app))}"
 
 

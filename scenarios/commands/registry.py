@@ -42,7 +42,7 @@ class Command:
 COMMANDS = (
     Command("run", "pick", "run:run", "run episodes of a scenario and write DIR/results.sqlite and summary.json"),
     Command("report", "pick", "report:report", "write DIR/report.html from the results in DIR"),
-    Command("explain", "pick", "explain:explain", "why one attempt did what it did: estimates, grasps, verdicts"),
+    Command("explain", "pick", "explain:explain", "the decisions of one attempt: estimates, grasps, verdicts"),
     Command("replay", "pick", "replay:replay", "one attempt in 3-D in the browser, or as a film"),
     Command("index", "pick", "index:index", "one page over many runs, with the trend of the rate"),
     Command("export", "pick", "export:export", "the attempts of a campaign as a Parquet file"),
@@ -58,13 +58,13 @@ COMMANDS = (
         "gate",
         "decide",
         "gate:gate",
-        "is a system worse than its baseline? exit code 0 passed, 1 worse, 3 undecided",
+        "test whether a system is worse than its baseline; exit code 0 passed, 1 worse, 3 undecided",
     ),
     Command(
         "attribute",
         "decide",
         "attribute:attribute",
-        "what perception, grasp choice and motion each cost, and what to improve first",
+        "loss of pick success by perception, grasp choice and motion, and what to improve first",
     ),
     Command(
         "sweep",
@@ -82,7 +82,7 @@ COMMANDS = (
         "tune",
         "workpiece",
         "tune:tune",
-        "search grasp points, weights and fields with which more picks succeed, checked in unseen bins",
+        "search grasp points, weights and fields for a higher pick success, and check them in unseen bins",
     ),
     Command("train", "perception", "train:train", "train the network for a workpiece"),
     Command("evaluate", "perception", "evaluate:evaluate", "measure perception on held-out scenes"),
@@ -90,7 +90,7 @@ COMMANDS = (
         "perceive",
         "perception",
         "perceive:perceive",
-        "the poses of workpieces in a depth image or point cloud of your own",
+        "poses of workpieces in your own depth image or point cloud",
     ),
     Command(
         "generate",
@@ -108,14 +108,14 @@ COMMANDS = (
     Command("completion", "more", "completion:completion", "print the completion script of a shell"),
 )
 GRASPS = (
-    Command("edit", "grasps", "grasps_edit:edit", "move, judge, try and save grasps on a page in the browser"),
-    Command("check", "grasps", "grasps_check:check", "try each grasp on a lone workpiece in every resting pose"),
+    Command("edit", "grasps", "grasps_edit:edit", "move, check, try and save grasps in the browser"),
+    Command("check", "grasps", "grasps_check:check", "try each grasp on a single workpiece in every resting pose"),
     Command("sample", "grasps", "grasps_sample:sample", "propose grasp points from the CAD, tried in the physics"),
     Command(
         "robustness",
         "grasps",
         "grasps_robustness:robustness",
-        "errors of the pose that each grasp tolerates, against those of perception",
+        "pose errors that each grasp tolerates, compared with those of perception",
     ),
     Command("import", "grasps", "grasps_import:import_", "an isaac_grasp file (format version 1.0) as grasps.yaml"),
     Command("export", "grasps", "grasps_export:export", "grasps.yaml as an isaac_grasp file (format version 1.0)"),
@@ -137,13 +137,13 @@ BENCHMARKS = (
         "campaign",
         "benchmark",
         "benchmark_campaign:benchmark_campaign",
-        "attempts an hour of one core, and where their time goes",
+        "attempts per hour and core, and time by stage",
     ),
     Command(
         "gate",
         "benchmark",
         "benchmark_gate:benchmark_gate",
-        "the gate's error rates and the coverage of the intervals",
+        "error rates of the gate and coverage of the intervals",
     ),
 )
 MAKES_FOLDER = "onboard"
@@ -160,7 +160,7 @@ def build_app() -> App:
     rest = Group("more", sort_key=len(GROUPS))
     app = App(
         name="pickproof",
-        help="Proves a pick rate before the cell exists: bin picking simulated from depth image to counted pick.",
+        help="Measures the pick rate of a bin picking cell in simulation, from depth image to counted pick.",
         help_format="plaintext",
         version=_version,
         group_commands=rest,
@@ -177,7 +177,7 @@ def build_app() -> App:
     )
     benchmark = App(
         name="benchmark",
-        help="perception against its peers; motion against its bound; the error rates of a gate; speed of a campaign",
+        help="perception against other methods; motion against its bound; error rates of a gate; speed of a campaign",
         group=groups["benchmark"],
         help_format="plaintext",
     )
@@ -204,12 +204,12 @@ def _add(app: App, commands: tuple[Command, ...], groups: dict[str, Group]) -> N
 Words = Annotated[str, Parameter(show=False, allow_leading_hyphen=True)]
 Folders = Annotated[
     tuple[str, ...],
-    Parameter(help="a folder of your own workpieces, looked up first; may be repeated", negative=""),
+    Parameter(help="a folder of your own workpieces, searched first; may be repeated", negative=""),
 ]
 
 
 def _launcher(app: App) -> Callable[..., Any]:
-    """Takes --workpieces wherever it stands and hands the other words to the command."""
+    """Takes --workpieces at any position and passes the other words to the command."""
 
     def launch(*words: Words, workpieces: Folders = ()) -> Any:
         command, bound, _ = app.parse_args(words, exit_on_error=False, print_error=False)
@@ -223,7 +223,7 @@ def _launcher(app: App) -> Callable[..., Any]:
 
 
 def _shown(default: object) -> object:
-    """The default in the help: nothing for an option that is off or empty."""
+    """The default shown in the help; nothing for an option that is off or empty."""
     if default is None or default is False or default in ((), ""):
         return None
     return " ".join(map(str, default)) if isinstance(default, tuple) else str(default)

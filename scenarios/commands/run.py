@@ -31,7 +31,7 @@ class RunOptions(ScenarioFields):
     """Options of `pickproof run`."""
 
     workers: Annotated[
-        int | None, integer(1, 256), about("processes; default: 1, or with --ray all of the cluster")
+        int | None, integer(1, 256), about("worker processes; default: 1, or with --ray all of the cluster")
     ] = None
     episodes: Annotated[int, integer(1, 1_000_000), about("bin fills")] = 10
     seed: Seed = None
@@ -40,8 +40,8 @@ class RunOptions(ScenarioFields):
     ray: Annotated[
         str | None, about("run on a Ray cluster: HOST:PORT, auto, or local to start one on this machine")
     ] = None
-    no_pictures: Annotated[bool, about("keep no pictures of attempts")] = False
-    keep: Annotated[Literal["failures", "all", "none"], about("attempts kept for `pickproof replay`")] = "failures"
+    no_pictures: Annotated[bool, about("store no pictures of attempts")] = False
+    keep: Annotated[Literal["failures", "all", "none"], about("attempts stored for `pickproof replay`")] = "failures"
     method: Annotated[
         Method | None, about("how poses are found: ps6d, search, both or auto; default: the scenario's")
     ] = None
@@ -109,7 +109,7 @@ def run(
         with Store.read(out) as store:
             kept = len(store.attempts(large=False))
         print(
-            f"pickproof: interrupted; {kept} attempts are kept in {out}, --resume --out {out} continues",
+            f"pickproof: interrupted; {kept} attempts are kept in {out}; continue with --resume --out {out}",
             file=sys.stderr,
         )
         return 130
@@ -120,13 +120,13 @@ def run(
         print(json.dumps(summary, indent=2))
     else:
         print_summary(console, summary)
-        console.print(f"wrote {out / FILE}; a page with pictures: pickproof report {out}", soft_wrap=True)
+        console.print(f"wrote {out / FILE}; for a page with pictures: pickproof report {out}", soft_wrap=True)
     check_ran(out)
     return 0
 
 
 def _ended(out: Path) -> list[AttemptRecord]:
-    """Attempts of the episodes that have ended."""
+    """Number of attempts of the episodes that have ended."""
     from pickproof.scenarios.results.store import Store
 
     with Store.read(out) as store:

@@ -10,13 +10,13 @@ from typing import Any, TextIO, cast
 
 
 class _Lasting:
-    """A text stream that throws away what is written once its reader is gone."""
+    """A text stream that discards its text once its reader is closed."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """As the stream's."""
+        """The same method of the wrapped stream, without the error of a closed reader."""
         try:
             return self._stream.write(text)
         except BrokenPipeError:
@@ -24,7 +24,7 @@ class _Lasting:
             return len(text)
 
     def flush(self) -> None:
-        """As the stream's."""
+        """The same method of the wrapped stream, without the error of a closed reader."""
         try:
             self._stream.flush()
         except BrokenPipeError:
@@ -36,7 +36,7 @@ class _Lasting:
 
 @contextmanager
 def lasting_streams() -> Iterator[None]:
-    """Meanwhile a reader of stdout or stderr that goes away, as in `| head -1`, stops nothing."""
+    """Inside this context a closed reader of stdout or stderr, as in `| head -1`, does not end the program."""
     before = sys.stdout, sys.stderr
     _open_descriptors()
     made = [open(os.devnull, "w") if s is None else s for s in before]  # noqa: PTH123, SIM115
@@ -52,14 +52,14 @@ def lasting_streams() -> Iterator[None]:
 
 
 def _open_descriptors() -> None:
-    """Open those of 0 to 2 that are closed: no file of results may become number 1, on which libraries write."""
+    """Open closed descriptors 0 to 2, so that no results file gets descriptor 1, to which libraries write."""
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)
     os.close(descriptor)
 
 
 def to_nowhere(stream: TextIO) -> None:
-    """Let what a stream still holds, and all that follows, go to the null device."""
+    """Send the buffered and all further text of a stream to the null device."""
     with suppress(OSError, ValueError):  # a stream in memory has no descriptor
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

@@ -27,9 +27,11 @@ class SweepOptions(ScenarioChanges):
     set: Annotated[
         tuple[str, ...], about("FIELD=VALUE,VALUE,... or FIELD=LOW:HIGH:STEP; every combination is run")
     ] = ()
-    episodes: Annotated[int, integer(1, 1_000_000), about("of each combination")] = 10
+    episodes: Annotated[int, integer(1, 1_000_000), about("episodes of each combination")] = 10
     seed: Seed = None
-    out: Annotated[Path | None, FOLDER_TO_WRITE, about("default: out/sweep-SCENARIO; what it holds is kept")] = None
+    out: Annotated[
+        Path | None, FOLDER_TO_WRITE, about("default: out/sweep-SCENARIO; finished combinations there are kept")
+    ] = None
 
 
 def sweep(

@@ -15,24 +15,24 @@ from pickproof.scenarios.commands.perception_arguments import SourceOptions, Wor
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions(SourceOptions):
     """Options of `pickproof train`; the defaults are those of `TrainConfig`, which a test holds equal. The upper
-    limits refuse typing errors and what would fill the memory."""
+    limits refuse typing errors and values that exceed the memory."""
 
-    minutes: Annotated[float, number(0, 1e6, above=True), about("stop after these")] = 60.0
+    minutes: Annotated[float, number(0, 1e6, above=True), about("stop after this time")] = 60.0
     clouds: Annotated[int, integer(1, 10**9), about("stop after this many clouds")] = 200_000
     heaps: Annotated[int, integer(1, 10**6), about("settled heaps to train on")] = 320
-    batch: Annotated[int, integer(1, 4096), about("clouds a step; more on CUDA")] = 4
-    reuse: Annotated[int, integer(1, 10**6), about("times a rendered cloud is used")] = 4
+    batch: Annotated[int, integer(1, 4096), about("clouds per step; more on CUDA")] = 4
+    reuse: Annotated[int, integer(1, 10**6), about("number of uses of a rendered cloud")] = 4
     lr: Annotated[float, number(0, 1, above=True), about("peak learning rate")] = 3e-3
     loaders: Annotated[
         int, integer(0, 256), about("rendering processes; 0: in this one; on CUDA: all cores but one")
     ] = 1
-    seed: Annotated[int, integer(0, MAX_SEED), about("of scenes and weights")] = 0
+    seed: Annotated[int, integer(0, MAX_SEED), about("seed of scenes and weights")] = 0
     variant: Annotated[
         str,
         about("network: ps6d, no_local_frames, no_cad_head, plain, pointnet2_msg, no_normalisation or ppr_net_pp"),
     ] = "ps6d"
     init: Annotated[str, about("start from weights of the same variant: a workpiece's name or a file")] = ""
-    resume: Annotated[bool, about("go on from the checkpoint in the output folder")] = False
+    resume: Annotated[bool, about("continue from the checkpoint in the output folder")] = False
     out: Annotated[Path | None, about("output folder; default: out/train/WORKPIECE[-VARIANT]")] = None
 
 

@@ -1,4 +1,4 @@
-"""`pickproof tune`: searches grasp points, weights and fields of the scenario with which more picks succeed."""
+"""`pickproof tune`: searches grasp points, weights and scenario fields for a higher pick success."""
 
 from __future__ import annotations
 
@@ -48,20 +48,22 @@ class TuneOptions(ScenarioChanges):
         about("FIELD=LOW:HIGH searches a number of the scenario, FIELD=VALUE fixes it for old and new"),
     ] = ()
     grasps: Annotated[str, about("all, none, or names with commas")] = "all"
-    shift: Annotated[float, number(0, 1000), about("of a grasp's centre along each axis, in mm")] = 8.0
-    turn: Annotated[float, number(0, 1000), about("about each axis of the tool, in degrees")] = 15.0
+    shift: Annotated[float, number(0, 1000), about("largest shift of a grasp's centre along each axis, in mm")] = 8.0
+    turn: Annotated[float, number(0, 1000), about("largest rotation about each axis of the tool, in degrees")] = 15.0
     errors: Annotated[Path | None, SOME_PATH, about("evaluation.json with perception's errors")] = None
     generations: Annotated[int, integer(1, 1000), about("of each grasp")] = 8
     rounds: Annotated[int, integer(1, 1000), about("of whole cells")] = 4
     episodes: Annotated[int, integer(1, 100_000), about("of a candidate")] = 8
     block: Annotated[int, integer(1, 10_000), about("episodes at a time")] = 2
     holdout: Annotated[int, integer(2, 100_000), about("unseen episodes")] = 20
-    budget: Annotated[float | None, read_by(duration), about("time as 30m or 2h; stages end early for it")] = None
+    budget: Annotated[
+        float | None, read_by(duration), about("time limit as 30m or 2h; stages end early to keep it")
+    ] = None
     seed: Annotated[int | None, integer(0, MAX_SEED), about("default: the scenario's")] = None
     ray: Annotated[str | None, about("run campaigns on a Ray cluster, as `pickproof run` does")] = None
     out: Annotated[Path | None, FOLDER_TO_WRITE, about("default: out/tune-SCENARIO")] = None
-    resume: Annotated[bool, about("go on with the search in --out")] = False
-    accept: Annotated[bool, about("write what --out proposes over table and scenario")] = False
+    resume: Annotated[bool, about("continue the search in --out")] = False
+    accept: Annotated[bool, about("overwrite table and scenario with the proposal in --out")] = False
 
 
 def tune(
@@ -104,7 +106,7 @@ def tune(
         result = _search(plan, console)
     except KeyboardInterrupt:
         print(
-            f"pickproof: interrupted; what was found is kept, --resume --out {plan.out} with the same words continues",
+            f"pickproof: interrupted; results are kept; continue with the same options and --resume --out {plan.out}",
             file=sys.stderr,
         )
         return 130
@@ -112,7 +114,7 @@ def tune(
     print_grasps(console, result)
     _print_cells(plan, result, console)
     console.print(
-        f"wrote {page}, {TABLE} and {SCENARIO} beside it; --accept --out {plan.out} takes them over", soft_wrap=True
+        f"wrote {page}, {TABLE} and {SCENARIO} beside it; accept them with --accept --out {plan.out}", soft_wrap=True
     )
     return 0
 
@@ -147,13 +149,13 @@ def _search(plan: Plan, console: Any) -> Result:
 
 
 def _print_cells(plan: Plan, result: Result, console: Any) -> None:
-    """What whole cells say about the proposal."""
+    """The result of whole campaigns for the proposal, in words."""
     from pickproof.scenarios.comparison.compare_text import print_comparison
     from pickproof.scenarios.tuning.cell_stage import CELL
 
     if result.comparison is not None:
         print_comparison(console, result.comparison, plan.out / "old", plan.out / "new")
     elif not result.history[CELL]:
-        console.print("the budget ended before whole cells were tried; --resume with the same words goes on")
+        console.print("the budget ended before whole cells were tried; continue with the same options and --resume")
     else:
-        console.print("nothing better than what there was has been found")
+        console.print("nothing better than the current values was found")

@@ -1,1 +1,1 @@
-"""The scenario schema, and what else decides a result."""
+"""The scenario schema, and the other inputs that decide a result."""

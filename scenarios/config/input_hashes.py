@@ -1,6 +1,6 @@
-"""What decides a result besides the scenario: the files it names, by what they are, and the software, as hashes.
+"""Hashes of the inputs that decide a result besides the scenario: the files that it names, and the software.
 
-Neither paths nor times enter, so a campaign can be continued on another machine that holds the same files.
+Paths and times are not part of them, so a campaign can be continued on another machine with the same files.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ PACKAGES = (
 
 
 def input_hashes(scenario: Scenario, oracle: Collection[str]) -> dict[str, str]:
-    """SHA-256 of every file that an episode reads, by what it is; empty where there is none.
+    """SHA-256 of every file that an episode reads, by its role; empty where there is none.
 
-    Weights have a hash of their own (`scenarios.config.scenario.weights_used`). Whether the files are any good is not
-    looked at; `scenarios.picking.workcell.check_inputs` does.
+    Weights have a hash of their own (`scenarios.config.scenario.weights_used`). The content of the files is not checked
+    here; `scenarios.picking.workcell.check_inputs` does that.
 
     Raises:
         InputError: workpiece.yaml is not readable.
@@ -77,9 +77,10 @@ def versions() -> dict[str, str]:
 
 
 def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What of `now` differs from what is recorded: keys, and `inputs.mesh`, `versions.numpy` for single entries.
+    """Entries of `now` that differ from the recorded ones: keys, and `inputs.mesh`, `versions.numpy` for single
+    entries.
 
-    Results that are older than a key say nothing of it: then the key itself is named.
+    Results older than a key do not contain it; then the key itself is named.
     """
     names = []
     for key, value in now.items():
@@ -92,7 +93,7 @@ def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 
 def _digest(files: Iterable[Path]) -> str:
-    """Over names and contents; empty where none of the files exists."""
+    """SHA-256 over names and contents; empty where none of the files exists."""
     digest, found = hashlib.sha256(), False
     for file in files:
         if file.is_file():

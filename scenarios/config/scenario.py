@@ -30,7 +30,7 @@ from pickproof.scenarios.config.placing import HeapPlace, PatternPlace, PlaceCon
 
 SHIPPED = Path(__file__).resolve().parents[1]
 OF_WORKPIECE = "scenario.yaml"
-"""In a workpiece's folder: the scenario that goes by the name of that folder."""
+"""File name of the scenario in a workpiece's folder; it has the name of that folder."""
 TableEdge = Annotated[float, Field(gt=0), metres(20.0)]
 
 
@@ -49,7 +49,7 @@ class BinConfig(Config):
         return self
 
     def build(self, name: str) -> Bin:
-        """The bin, where it stands in the world."""
+        """The bin at its place in the world."""
         return Bin(name, self.inner, self.wall, self.position, self.yaw)
 
 
@@ -74,7 +74,9 @@ class CameraConfig(Config):
     fov_deg: float = Field(default=21.0, gt=1, lt=120, description="[deg] full horizontal field of view")
     eye: Point = Field(default=(0.45, 0.0, 0.86), description="[m] position in the world")
     target: Point = Field(default=(0.45, 0.0, 0.01), description="[m] point that the optical axis goes through")
-    sensing_time_s: float = Field(default=0.4, ge=0, le=60, description="[s] a capture takes; enters the cycle time")
+    sensing_time_s: float = Field(
+        default=0.4, ge=0, le=60, description="[s] duration of a capture, part of the cycle time"
+    )
 
     @model_validator(mode="after")
     def _looks_somewhere(self) -> CameraConfig:
@@ -104,7 +106,7 @@ class PhysicsConfig(Config):
 
 
 class PerceptionConfig(Config):
-    """How poses are found, and which of them are handed on to grasping."""
+    """Method of perception, and which estimates are passed to grasping."""
 
     method: Method = Field(
         default="auto",
@@ -113,14 +115,16 @@ class PerceptionConfig(Config):
     min_score: float = Field(
         default=0.8, ge=0, le=1, description="calibrated score below which an estimate is rejected"
     )
-    max_estimates: int = Field(default=30, ge=1, le=200, description="estimates handed on, best first")
+    max_estimates: int = Field(
+        default=30, ge=1, le=200, description="largest number of estimates passed on, best first"
+    )
 
 
 class LimitsConfig(Config):
-    """What a successful attempt must keep to."""
+    """Limits of a successful attempt."""
 
     contact_force_N: float = Field(
-        default=50.0, gt=0, description="[N] hardest touch of arm or gripper, fingers excepted"
+        default=50.0, gt=0, description="[N] largest contact force of arm or gripper, fingers excepted"
     )
     attempt_timeout_s: float = Field(default=30.0, gt=0, le=600, description="[s] simulated time of one attempt")
 
@@ -130,14 +134,16 @@ class StopConfig(Config):
 
     failures_in_a_row: int = Field(default=3, ge=1, description="failed attempts that end the episode")
     attempt_limit: int = Field(default=80, ge=1, description="attempts and no-picks that end the episode")
-    attempts_to_avoid: int = Field(default=4, ge=0, description="attempts a failed workpiece is left alone")
+    attempts_to_avoid: int = Field(default=4, ge=0, description="attempts for which a failed workpiece is avoided")
 
 
 class CarryConfig(Config):
-    """How the held workpiece is moved."""
+    """Motion of the held workpiece."""
 
     speed_scale: float = Field(default=0.8, gt=0, le=1, description="of the 15 m/s2 allowed to the held part")
-    straight: Small = Field(default=0.012, description="[m] of every line kept straight where the rest may be rounded")
+    straight: Small = Field(
+        default=0.012, description="[m] of every line that must be straight; the rest may be rounded"
+    )
     straight_place: Small = Field(default=0.005, description="the same at a heap's place; a pattern takes `straight`")
 
 
@@ -151,11 +157,13 @@ class WristConfig(Config):
 
     noise_N: float = Field(default=0.05, ge=0, description="[N] standard deviation of a reading")
     seconds: float = Field(default=0.05, gt=0, le=1, description="[s] the arm stands still for it after the lift")
-    double_above: float = Field(default=1.7, gt=1, description="workpieces' weights from which a pick is put back")
+    double_above: float = Field(
+        default=1.7, gt=1, description="number of workpiece weights from which a pick is put back"
+    )
 
 
 class Scenario(Config):
-    """A bin-picking cell and the job it is given."""
+    """A bin-picking cell and its task."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", description="letters, digits, _ and -")
     workpiece: str = Field(description="a name that `pickproof list` shows")
@@ -185,7 +193,7 @@ class Scenario(Config):
 
     @property
     def straight_place(self) -> float:
-        """[m] of the lines at the place that are kept straight."""
+        """[m] of the lines at the place that must be straight."""
         return self.carry.straight if isinstance(self.place, PatternPlace) else self.carry.straight_place
 
     @field_validator("robot")
@@ -247,10 +255,10 @@ def scenario_json(scenario: Scenario) -> str:
 
 
 def scenario_hash(scenario: Scenario) -> str:
-    """SHA-256 of the canonical JSON without `seed`, so that it names the cell and the job, not the draw."""
+    """SHA-256 of the canonical JSON without `seed`: identifies the cell and the task."""
     data = json.loads(scenario_json(scenario))
     del data["seed"]
-    if data["perception"]["method"] == "auto":  # older than the field, campaigns keep the hash they were stored under
+    if data["perception"]["method"] == "auto":  # campaigns older than the field keep their stored hash
         del data["perception"]["method"]
     return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
@@ -274,7 +282,7 @@ def weights_used(scenario: Scenario, oracle: Collection[str]) -> str:
 
 
 def scenario_path(name_or_path: str) -> Path:
-    """The file of a scenario, by its name or its path; whether a path exists is not looked at.
+    """The file of a scenario, by its name or its path; the existence of a path is not checked.
 
     Raises:
         InputError: no scenario of that name.
@@ -284,7 +292,7 @@ def scenario_path(name_or_path: str) -> Path:
         return next((path for path in own if path.is_file()), SHIPPED / f"{name_or_path}.yaml")
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):
-        return path  # read_yaml says when it is missing
+        return path  # read_yaml reports a missing file
     known = list_scenarios()
     valid = f"one of: {', '.join(known)}; or the path of a .yaml file{did_you_mean(name_or_path, known)}"
     raise InputError("command line", "SCENARIO", name_or_path, valid)

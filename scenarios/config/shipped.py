@@ -1,4 +1,4 @@
-"""Where the shipped files lie; it imports nothing of the project, so that `import pickproof` can read it."""
+"""Paths of the shipped files; imports nothing of the project, so that `import pickproof` can use it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small files that are written whole or not at all, and folders that are free."""
+"""Atomic writing of small files, and names of free folders."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ class StoreError(PickproofError):
 
 
 def write_whole(path: Path, content: str | bytes) -> Path:
-    """Write a file, text as UTF-8, or leave what was there.
+    """Write a file atomically, text as UTF-8; on an error the old content is kept.
 
-    A link stays one, and what is no regular file, as /dev/null or a pipe, is written to and never replaced.
+    A link stays a link. A path that is not a regular file, such as /dev/null or a pipe, is written to and never
+    replaced.
 
     Raises:
         StoreError: it cannot be written.
@@ -37,7 +38,7 @@ def write_whole(path: Path, content: str | bytes) -> Path:
 
 
 def write_json(path: Path, document: Any) -> Path:
-    """Write a document as indented JSON, whole or not at all."""
+    """Write a document atomically as indented JSON."""
     return write_whole(path, json.dumps(document, indent=2) + "\n")
 
 

@@ -1,4 +1,4 @@
-"""The text of a whole grasps.yaml."""
+"""Writes the text of a whole grasps.yaml."""
 
 from __future__ import annotations
 

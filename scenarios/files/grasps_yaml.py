@@ -20,7 +20,7 @@ def entry_text(point: GraspPoint) -> str:
 
 
 def set_fields(text: str, index: int, changes: Mapping[str, Any]) -> str:
-    """The text with fields of the grasp at `index` set to plain values; None takes the field away.
+    """The text with fields of the grasp at `index` set to plain values; None removes a field.
 
     Raises:
         EditError: see `check_text`.
@@ -38,12 +38,12 @@ def set_fields(text: str, index: int, changes: Mapping[str, Any]) -> str:
 
 
 def rearrange(text: str, order: Sequence[int | GraspPoint]) -> str:
-    """The text with its grasps in another order: each an index of those that are there, or a new one.
+    """The text with its grasps in another order: each is the index of an existing grasp, or a new one.
 
-    What is not named is removed, with the comments right above and beside it.
+    Grasps that are not named are removed, with the comments directly above and beside them.
 
     Raises:
-        EditError: the grasps do not stand on lines of their own.
+        EditError: the grasps are not on separate lines.
     """
     lines = text.splitlines(keepends=True)
     starts, end, column = _blocks(text, lines)
@@ -88,7 +88,7 @@ def _blocks(text: str, lines: Sequence[str]) -> tuple[list[int], int, int]:
 
 
 def _belongs_below(line: str, column: int) -> bool:
-    """A blank line, or a comment that stands no deeper than the dashes."""
+    """A blank line, or a comment indented no deeper than the dashes."""
     return not line.strip() or len(line) - len(line.lstrip()) <= column
 
 

@@ -1,7 +1,6 @@
-"""The text of a YAML file changed in place: every line that is not meant stays as it was, comments and order too.
+"""Edits the text of a YAML file in place: all other lines, comments and the order are kept.
 
-Values are set by ruamel.yaml, whose round trip keeps comments; of what it writes only the lines that differ are taken
-over.
+Values are set by ruamel.yaml, whose round trip keeps comments; only the lines that differ are taken from its output.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ DIGITS = 9  # after the point of what is written
 
 
 class EditError(Exception):
-    """The text cannot be changed by a machine without losing something of it; says why."""
+    """The text cannot be edited automatically without a loss; the message says why."""
 
 
 class _Representer(RoundTripRepresenter):
@@ -43,7 +42,7 @@ def check_text(text: str) -> None:
 
 
 def edit_text(text: str, change: Callable[[Any], None]) -> str:
-    """The text after `change` of the document that it is: mappings and lists as plain ones, values set by `styled`.
+    """The text after `change` was applied to its document: plain mappings and lists, values set by `styled`.
 
     Raises:
         EditError: see `check_text`.
@@ -70,7 +69,7 @@ def styled(value: Any, old: Any) -> Any:
 
 
 def _yaml(text: str) -> YAML:
-    """A round trip that writes as the text is written."""
+    """A round trip with the indentation of the text."""
     round_trip = YAML(typ="rt")
     round_trip.Representer = _Representer
     round_trip.preserve_quotes = True
@@ -98,7 +97,7 @@ def _dump(round_trip: YAML, document: Any) -> str:
 def _only_what_differs(text: str, plain: str, changed: str) -> str:
     """`text` with the lines that differ between `plain`, its own round trip, and `changed`.
 
-    A comment that stands on a line of its own is never lost, whatever field goes.
+    A comment on its own line is never lost, even if its field is removed.
     """
     own, before, after = (t.splitlines(keepends=True) for t in (text, plain, changed))
     if len(own) != len(before):

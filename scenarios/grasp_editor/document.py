@@ -1,7 +1,7 @@
-"""A grasps.yaml being edited: changes with undo and redo, a diff, and saving that loses nobody's work.
+"""A grasps.yaml in the editor: changes with undo and redo, a diff, and saving that never overwrites changes of others.
 
-The text is the document. Every change makes a new text that has passed the schema, so that comments, order and the way
-in which numbers are written survive, and what is undone is undone to the letter.
+The text is the document. Every change makes a new text that has passed the schema. So comments, order and number
+formats are kept, and undo restores the exact text.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from pickproof.scenarios.files.yaml_edit import EditError, check_text
 
 @dataclass(frozen=True)
 class Saved:
-    """The file holds the document now. `kept` is where what another program had written was put, None for nothing."""
+    """The file holds the document now. `kept` is the backup of another program's version, None for none."""
 
     kept: Path | None = None
 
 
 @dataclass(frozen=True)
 class Conflict:
-    """The file was changed by another program since it was read: nothing was written. `diff` is what changed there."""
+    """The file was changed by another program since it was read; nothing was written. `diff` shows that change."""
 
     diff: str
 
@@ -52,8 +52,8 @@ class GraspDocument:
     """The grasp points of one workpiece, as text and as a table that has passed the schema.
 
     Attributes:
-        path: of the file. One that does not exist is begun with one grasp through the centre of mass.
-        error: why the file cannot be edited as it is on disk, empty if it can. Nothing is written then.
+        path: of the file. A new file starts with one grasp through the centre of mass.
+        error: why the file on disk cannot be edited, else empty. With an error nothing is written.
     """
 
     def __init__(self, path: Path, workpiece: Workpiece, gripper: Gripper) -> None:
@@ -68,7 +68,7 @@ class GraspDocument:
 
     @property
     def text(self) -> str:
-        """As it would be saved."""
+        """The text to be saved."""
         return self._state.text if self._state else ""
 
     @property
@@ -83,7 +83,7 @@ class GraspDocument:
 
     @property
     def changed(self) -> bool:
-        """There is something to save."""
+        """Whether there is something to save."""
         return self._state is not None and (self.text != self._base or self._seen is None)
 
     @property
@@ -97,9 +97,9 @@ class GraspDocument:
         return bool(self._future)
 
     def change(self, index: int, fields: Mapping[str, Any]) -> None:
-        """Set fields of a grasp; None takes a field out of the file, so that it has its default.
+        """Set fields of a grasp; None removes a field from the file, so that it has its default.
 
-        Fields that have the value already are not touched, however they are written.
+        Fields that already have the value are not changed, in whatever form they are written.
 
         Raises:
             InputError: the table would not fit the schema or the gripper; nothing is changed.
@@ -112,20 +112,20 @@ class GraspDocument:
             self._become(lambda text: set_fields(text, index, {k: _plain(v) for k, v in new.items()}))
 
     def add(self, point: GraspPoint, after: int | None = None) -> int:
-        """Put a new grasp behind the one at `after`, or at the end; returns its index."""
+        """Insert a new grasp after the one at `after`, or at the end; returns its index."""
         n = len(self.points)
         at = n if after is None else after + 1
         self._become(lambda text: rearrange(text, [*range(at), point, *range(at, n)]))
         return at
 
     def remove(self, index: int) -> None:
-        """Take a grasp out, with the comments right above and beside it."""
+        """Remove a grasp, with the comments directly above and beside it."""
         if len(self.points) == 1:
             raise InputError(self.path, "grasps", "the last grasp", "at least one; disable it instead")
         self._become(lambda text: rearrange(text, [i for i in range(len(self.points)) if i != index]))
 
     def move(self, index: int, to: int) -> None:
-        """Put a grasp at another place of the list; its comments go with it."""
+        """Move a grasp to another position of the list, with its comments."""
         order = [i for i in range(len(self.points)) if i != index]
         order.insert(int(np.clip(to, 0, len(order))), index)
         self._become(lambda text: rearrange(text, order))
@@ -139,32 +139,32 @@ class GraspDocument:
         return name
 
     def undo(self) -> None:
-        """Go back by one change, reloading included."""
+        """Undo one change, including a reload."""
         if self._past and self._state:
             self._future.append(self._state)
             self._state = self._past.pop()
 
     def redo(self) -> None:
-        """Take back the last `undo`."""
+        """Redo the last undone change."""
         if self._future and self._state:
             self._past.append(self._state)
             self._state = self._future.pop()
 
     def diff(self) -> str:
-        """What saving would change, as a unified diff; empty for nothing."""
+        """The changes that saving would write, as a unified diff; empty for none."""
         return _diff(self._base if self._seen is not None else "", self.text, self.path.name)
 
     def changed_outside(self) -> bool:
-        """The file on disk is not what was read or saved last."""
+        """Whether the file on disk differs from what was read or saved last."""
         return _hash(self.path) != self._seen
 
     def their_diff(self) -> str:
-        """What another program changed in the file since it was read or saved last, as a unified diff."""
+        """The changes of another program since the file was read or saved last, as a unified diff."""
         theirs = self._disk()
         return _diff(self._base, theirs.decode("utf-8", "replace"), self.path.name)
 
     def reload(self) -> None:
-        """Take what is on disk; what was being edited is one `undo` away. `error` says if it cannot be taken."""
+        """Load the file from disk; `undo` restores the edited text. `error` is set if it cannot be read."""
         try:
             data = self._disk() if self.path.exists() else None
             text = self._begun() if data is None else data.decode("utf-8")
@@ -183,14 +183,14 @@ class GraspDocument:
         self._base, self._seen = text, None if data is None else hashlib.sha256(data).hexdigest()
 
     def look_again(self) -> None:
-        """The file is again what was read or saved last: what was wrong with it is over, what is being edited stays."""
+        """The file is again as it was read or saved last: clear the error and keep the edited text."""
         if self._state is None:
             self.reload()
         else:
             self.error = ""
 
     def mended(self) -> bool:
-        """Whether what is on disk can be read again, though it is not what was read or saved last; nothing is taken."""
+        """Whether a changed file on disk can be read; it is not loaded."""
         try:
             self._checked(self._disk().decode("utf-8"))
         except (InputError, UnicodeDecodeError):
@@ -199,12 +199,12 @@ class GraspDocument:
         return True
 
     def save(self, overwrite: bool = False) -> Saved | Conflict:
-        """Write the text, whole or not at all, unless another program changed the file since.
+        """Write the text atomically, unless another program changed the file.
 
-        With `overwrite` it is written all the same, and what was there is kept beside it as NAME.theirs-N.
+        With `overwrite` it is written anyway, and the other version is kept beside it as NAME.theirs-N.
 
         Raises:
-            InputError: there is nothing that could be saved, or the file is broken now: it is never written over.
+            InputError: there is nothing to save, or the file on disk is invalid: it is never overwritten.
             StoreError: it cannot be written.
         """
         if self._state is None:
@@ -228,7 +228,7 @@ class GraspDocument:
         return Saved(kept)
 
     def _disk(self) -> bytes:
-        """What is on disk, empty for no file.
+        """The text on disk, empty for no file.
 
         Raises:
             InputError: it cannot be read.
@@ -259,7 +259,7 @@ class GraspDocument:
         return _State(text, table)
 
     def _written(self, index: int) -> set[str]:
-        """Fields of a grasp that stand in the file."""
+        """Fields of a grasp that are in the file."""
         return set(parse_yaml(self.text, self.path)["grasps"][index])
 
     def _begun(self) -> str:
@@ -273,7 +273,7 @@ class GraspDocument:
 
 
 def begun_point(workpiece: Workpiece, gripper: Gripper, name: str = "new") -> GraspPoint:
-    """A grasp to begin with: from above through the centre of mass, across the narrower horizontal side."""
+    """The first grasp of a new file: from above through the centre of mass, across the narrower horizontal side."""
     side = int(np.argmin(workpiece.extents[:2]))
     widest = gripper.max_opening - 0.005 if gripper.max_opening else 0.02
     return GraspPoint(
@@ -328,7 +328,7 @@ def _free(path: Path) -> Path:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """No other editor saves in this folder meanwhile; given up by the system when the process ends."""
+    """A lock against other editors in this folder; the system releases it when the process ends."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)

@@ -1,7 +1,7 @@
-"""`pickproof grasps edit`: the page on which grasps are moved, judged, tried in the physics and saved.
+"""`pickproof grasps edit`: the page on which grasps are moved, checked, tried in the physics and saved.
 
-The document holds the truth; the page shows it. A drag is judged by a thread of its own, always the newest pose, and
-becomes one change of the document when the handle is let go. Physics runs in one other thread.
+The document is the only state; the page shows it. During a drag a separate thread checks the newest pose; when the
+handle is released, the drag becomes one change of the document. Physics runs in another thread.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from pickproof.scenarios.grasp_editor.trial_runner import GraspTries
 from pickproof.scenarios.pages.address import HOST, Address
 from pickproof.scenarios.pages.viser_page import serve
 
-POLL = 1.0  # [s] between looks at the file
-REST = 0.4  # [s] after the last key before what was typed counts
-TICK = 0.04  # [s] between looks at a drag, and between frames of a film
-NOTICE = 8.0  # [s] for which a refusal stands over the page
+POLL = 1.0  # [s] between checks of the file
+REST = 0.4  # [s] after the last key before the typed text is used
+TICK = 0.04  # [s] between checks during a drag, and between frames of a film
+NOTICE = 8.0  # [s] for which a refusal is shown above the page
 
 
 class GraspEditor:
@@ -77,7 +77,7 @@ class GraspEditor:
             thread.start()
 
     def close(self) -> None:
-        """Stop the server and the physics; what was not saved is gone."""
+        """Stop the server and the physics; unsaved changes are lost."""
         self._closed = True
         for thread in self._threads:
             thread.join()
@@ -91,10 +91,12 @@ class GraspEditor:
         return points[min(self.selected, len(points) - 1)] if points else None
 
     def show(self, keep: dict[str, Any] | None = None) -> None:
-        """Write the document into page and scene, but the fields `keep` that a user is at."""
+        """Show the document in page and scene, except the fields `keep` that a user is editing."""
         with self._lock:
             if self.document.error:
-                self._panel.say(f"The file cannot be edited: {self.document.error}. Mend it; the page looks again.")
+                self._panel.say(
+                    f"The file cannot be edited: {self.document.error}. Correct it; the page reads it again."
+                )
             points, point = self.document.points, self.point
             self._panel.fields.enable(point is not None)
             self._panel.forget_diff()
@@ -121,13 +123,13 @@ class GraspEditor:
             self.show()
 
     def change(self, name: str, value: Any) -> None:
-        """A user types; it counts once he rests."""
+        """A user types; the text is used after a pause."""
         with self._lock:
             self._typed[name] = value
             self._typed_at = time.monotonic()
 
     def refuse(self, line: str) -> None:
-        """Say why what was typed or asked for cannot be, also where the head of the panel is scrolled away."""
+        """Show why an input is refused, also where the top of the panel is scrolled away."""
         self._panel.say(line)
         for client in self._server.get_clients().values():
             client.add_notification("Not taken", line, color="red", auto_close_seconds=NOTICE)
@@ -142,12 +144,12 @@ class GraspEditor:
                 self._scene.switch(name, on)
 
     def lie(self, choice: str) -> None:
-        """Turn the workpiece as it lies."""
+        """Show the workpiece in a resting pose."""
         with self._lock:
             self._scene.lie(None if choice == CAD else self._tries.resting[int(choice.rsplit(" ", 1)[1])])
 
     def mirror(self, plane: Plane) -> None:
-        """Add the grasp as it is on the other side of a plane."""
+        """Add the mirror image of the grasp at a plane."""
         point = self.point
         if point is not None:
             self._edit(lambda: self._add(mirrored(point, plane, f"{point.name}_mirrored")))
@@ -188,7 +190,7 @@ class GraspEditor:
                 self.show()
 
     def _guarded(self, change: Any) -> bool:
-        """Run it; whether it went well. What a user did wrong is said on the page."""
+        """Run an action; returns whether it succeeded. Errors of the user are shown on the page."""
         self._panel.say("")
         try:
             change()
@@ -208,7 +210,7 @@ class GraspEditor:
         self._staying(self.document.redo)
 
     def _staying(self, change: Callable[[], None]) -> None:
-        """Another text, and the same grasp as before, wherever it stands in it."""
+        """Show a new text, with the same grasp selected as before."""
         name = self.point.name if self.point is not None else ""
         change()
         self.selected = next((i for i, p in enumerate(self.document.points) if p.name == name), self.selected)
@@ -235,7 +237,7 @@ class GraspEditor:
             self.document.change(self.selected, self._judge.fitted(self.point))
 
     def _take_typed(self) -> None:
-        """Make what was typed a change of the document."""
+        """Make the typed text a change of the document."""
         typed, self._typed = self._typed, {}
         if not typed or self.point is None:
             return
@@ -249,7 +251,7 @@ class GraspEditor:
             self._drag = (T_part_grip, "end" if ended and phase != "start" else phase)
 
     def _follow(self) -> None:
-        """Judge the newest pose of a drag, and take what was typed once it rests."""
+        """Check the newest pose of a drag, and use the typed text after a pause."""
         while not self._closed:
             time.sleep(TICK)
             with self._lock:
@@ -277,12 +279,12 @@ class GraspEditor:
         result = self.document.save(overwrite)
         if isinstance(result, Conflict):
             self._panel.conflict(result.diff)
-            self._panel.say("Not saved: another program changed the file meanwhile. Choose above what is to stay.")
+            self._panel.say("Not saved: another program changed the file. Choose above which version to keep.")
             return
         self._told = False
         self._panel.conflict(None)
         self._panel.show_diff("", False)
-        beside = f" What the other program had written is in {result.kept.name}." if result.kept else ""
+        beside = f" The version of the other program is in {result.kept.name}." if result.kept else ""
         self._panel.say(f"Saved {self.document.path.name}.{beside}", GREEN)
         self._panel.hint.content = HINTS["saved"]
 
@@ -292,7 +294,7 @@ class GraspEditor:
         self._panel.conflict(None)
 
     def _watch_file(self) -> None:
-        """Notice what other programs do to the file."""
+        """Detect changes of the file by other programs."""
         while not self._closed:
             time.sleep(POLL)
             with self._lock:
@@ -303,7 +305,7 @@ class GraspEditor:
 
     def _look_at_file(self) -> None:
         if not self.document.changed_outside():
-            if self.document.error:  # mended to the letter of what was read or saved last
+            if self.document.error:  # restored to the exact text that was read or saved last
                 self.document.look_again()
                 self._panel.say("The file can be read again.", GREEN)
                 self.show()
@@ -315,10 +317,10 @@ class GraspEditor:
             self._panel.say("The file can be read again.", GREEN)
         if not self.document.changed:
             before = self.document.error
-            self._staying(self.document.reload)  # there is nothing of ours to lose
+            self._staying(self.document.reload)  # there are no unsaved changes
             if self.document.error != before or not self.document.error:
                 self._panel.say(
-                    "" if self.document.error else "The file was changed by another program and read again.", GREEN
+                    "" if self.document.error else "Another program changed the file; it was read again.", GREEN
                 )
                 self.show()
         elif not self.document.error and not self._told:
@@ -341,5 +343,5 @@ class GraspEditor:
         self._tries.film_at(seconds)
 
     def play(self, on: bool) -> None:
-        """Run the film, or stop it; from the start where it has ended."""
+        """Play or stop the film; from the start if it has ended."""
         self._tries.play(on)

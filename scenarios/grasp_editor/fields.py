@@ -40,10 +40,10 @@ FIELDS: tuple[tuple[str, Kind, str], ...] = (
 HINTS = {
     "name": "unique in the file; records and reports show it",
     "centre": "point between the pads, in the CAD frame",
-    "approach": "direction in which the tool comes, in the CAD frame",
-    "closing": "direction in which the jaws close; kept square to the approach",
+    "approach": "direction of approach, in the CAD frame",
+    "closing": "direction in which the jaws close; kept perpendicular to the approach",
     "priority": "0 to 1, a term of the rank",
-    "slide": "freedom to grip elsewhere, as 1 0 0: 0, 8, -8",
+    "slide": "freedom to shift the grasp, as 1 0 0: 0, 8, -8",
 }
 
 
@@ -64,19 +64,19 @@ class FieldWidgets:
             handle.on_update(_listener(name, kind, handle, changed, refused))
 
     def show(self, point: GraspPoint, leave: Mapping[str, Any] | None = None) -> None:
-        """Write the values of a grasp point into the widgets, but those that a user is at."""
+        """Show the values of a grasp point in the widgets, except those that a user is editing."""
         for name, kind, _ in FIELDS:
             if name not in (leave or {}):
                 self._handles[name].value = to_widget(kind, getattr(point, name))
 
     def enable(self, on: bool) -> None:
-        """Let the user at them, or not."""
+        """Enable or disable the widgets."""
         for handle in self._handles.values():
             handle.disabled = not on
 
 
 def to_widget(kind: Kind, value: Any) -> Any:
-    """A value of the schema as its widget shows it."""
+    """A value of the schema in the form of its widget."""
     if kind == "mm":
         return round(1e3 * value, 4)
     if kind == "point_mm":
@@ -98,7 +98,7 @@ def to_widget(kind: Kind, value: Any) -> Any:
 
 
 def from_widget(kind: Kind, name: str, value: Any) -> Any:
-    """What a widget holds as a value of the schema; None leaves the field to its default.
+    """The content of a widget as a value of the schema; None means the default.
 
     Raises:
         InputError: numbers that cannot be read.
@@ -158,7 +158,7 @@ def _listener(
 ) -> Callable[[Any], None]:
     def listen(event: Any) -> None:
         if event.client is None:
-            return  # the page itself wrote it
+            return  # written by the page itself
         try:
             value = from_widget(kind, name, handle.value)
         except InputError as error:

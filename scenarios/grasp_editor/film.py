@@ -28,12 +28,12 @@ PERIOD = 0.02  # [s] between two frames
 NEIGHBOURS = 12  # workpieces in the heap
 FILLS = 5
 HEAP_SAMPLES = 3000  # of the surface of each neighbour
-STILL = 2e-4  # [m] that the tool has moved when the lift has begun
+STILL = 2e-4  # [m] motion of the tool from which the lift has begun
 
 
 @dataclass(frozen=True)
 class Film:
-    """What happened, frame by frame.
+    """The recorded motion, frame by frame.
 
     Attributes:
         time: (n,) [s]; Ts_world_tool: (n, 4, 4); openings: (n,) [m]; Ts_world_part: (n, k, 4, 4).
@@ -45,7 +45,7 @@ class Film:
     Ts_world_part: Array
 
     def slip(self, part: int, com: Array) -> float:
-        """[m] that a workpiece's centre of mass moved in the hand from the start of the lift to the end."""
+        """[m] motion of a workpiece's centre of mass in the gripper from the start of the lift to the end."""
         low = int(np.argmin(self.Ts_world_tool[:, 2, 3]))
         moved = np.linalg.norm(self.Ts_world_tool[low:, :3, 3] - self.Ts_world_tool[low, :3, 3], axis=1) > STILL
         start = low + max(int(np.argmax(moved)) - 1, 0)
@@ -55,10 +55,10 @@ class Film:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One grasp tried: whether it held, else why not; the film is None where the gripper could not even go there.
+    """Result of one trial: whether the grasp held, else why not; no film where the gripper cannot reach the grasp.
 
     Attributes:
-        slip: [m] that what was held moved in the hand.
+        slip: [m] motion of the held workpiece in the gripper.
         part: which workpiece of the film it was.
         bin: of the heap, None for the table.
     """
@@ -72,7 +72,7 @@ class Outcome:
 
 
 def record(world: World, arm: Arm, run: Callable[[], object]) -> Film:
-    """Everything that moves while `run` runs."""
+    """Record all motion while `run` runs."""
     frames: list[tuple[Array, float, Array]] = []
     steps = [0]
     every = max(round(PERIOD / world.dt), 1)
@@ -93,7 +93,7 @@ def record(world: World, arm: Arm, run: Callable[[], object]) -> Film:
 
 
 def try_free(cell: TrialCell, T_world_part: Array, point: GraspPoint) -> Outcome:
-    """A grasp on a workpiece that lies alone on a table at T_world_part: grip, lift, shake."""
+    """Try a grasp on a single workpiece on a table at T_world_part: grip, lift, shake."""
     best = best_candidate(point.model_copy(update={"enabled": True}), T_world_part, cell.workpiece, cell.gripper)
     if isinstance(best, str):
         return Outcome(False, best)
@@ -161,7 +161,7 @@ class HeapCell:
 
 
 def small_bin(workpiece: Workpiece) -> Bin:
-    """A bin as full as that of training, with walls half as high: they are nearer than in a real one."""
+    """A bin as full as in training, with walls of half height, because they are closer than in a real one."""
     heap, few = workpiece.heap, NEIGHBOURS / max(workpiece.heap.count[1], NEIGHBOURS)
     longest = 1.15 * float(np.linalg.norm(workpiece.extents))
     x, y, z = heap.bin_inner
@@ -171,7 +171,7 @@ def small_bin(workpiece: Workpiece) -> Bin:
 
 
 def _settled(workpiece: Workpiece, bin: Bin, seed: int) -> Snapshot:
-    """A heap at rest; a fill in which something keeps rocking is thrown away, as in an episode.
+    """A heap at rest; a fill that does not come to rest is discarded, as in an episode.
 
     Raises:
         SimulationError: none of FILLS fills comes to rest.

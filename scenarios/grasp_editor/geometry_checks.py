@@ -1,7 +1,7 @@
-"""What geometry says about a grasp while it is dragged: room for the gripper, what the pads meet, where the weight is.
+"""Geometric checks of a grasp while it is dragged: clearance of the gripper, pad contacts, centre of mass.
 
 The surface is sampled once. A pose is then judged by moving every sample along the closing direction until it meets a
-pad, which costs the same for any number of triangles. What holds in the end is for the physics to say.
+pad, at the same cost for any number of triangles. Whether the grasp holds is decided by a trial in the physics.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from pickproof.grasping.grasp_points import OPENING_MARGIN, GraspPoint, expand, 
 from pickproof.grasping.sample import FACING, FREEFORM, INTO, TOUCH
 from pickproof.grasping.sample_one_sided import worst_use
 
-SPACING = 0.0008  # [m] between samples where the limits on their number leave it so
+SPACING = 0.0008  # [m] between samples, within the limits of their number
 FEWEST, MOST = 6_000, 60_000
 LEAST_AREA = FREEFORM[1]
-WIDTH = 5e-4  # [m] by which the width that is stated may differ from the one that is found
-OFF_CENTRE = 2e-3  # [m] that closing may push the workpiece
+WIDTH = 5e-4  # [m] allowed difference of the stated and the measured width
+OFF_CENTRE = 2e-3  # [m] allowed displacement of the workpiece by closing
 
 
 @dataclass(frozen=True)
 class GraspVerdict:
-    """What was found at one pose of the tool; () and infinite values where the gripper has no pads that close.
+    """Result of the checks at one pose of the tool; () and infinite values where the gripper has no closing pads.
 
     Attributes:
-        hits: boxes of the open gripper that go into the workpiece, at the grasp or on the straight line before it.
+        hits: boxes of the open gripper that penetrate the workpiece, at the grasp or on the line before it.
         width: [m] of the workpiece between the pads when both touch; infinite where a pad meets nothing.
         off_centre: [m] by which closing pushes the workpiece, or the gripper, along the closing direction.
         areas: [m2] of the face under the left and the right pad.
         angles: [rad] between the surface and the left and the right pad where they touch.
         com_offset: [m] of the centre of mass from the line along which the jaws close, or from the approach axis.
-        use: largest share of any limit of cups or magnets when lifted hard, below 1 holds; None for jaws.
+        use: largest share of any load limit of cups or magnets in an accelerated lift, below 1 holds; None for jaws.
     """
 
     hits: tuple[str, ...]
@@ -66,7 +66,7 @@ class GraspJudge:
         self._area = area / n
 
     def judge(self, point: GraspPoint) -> GraspVerdict:
-        """The pose that the grasp point wants most."""
+        """The preferred pose of the grasp point."""
         return self.judge_pose(first_pose(point), opening(point), point.approach_distance, point.depths[0])
 
     def judge_pose(self, T_part_tool: Array, opening: float, before: float = 0.0, pressed: float = 0.0) -> GraspVerdict:
@@ -94,13 +94,13 @@ class GraspJudge:
         )
 
     def doubts(self, verdict: GraspVerdict, point: GraspPoint) -> list[str]:
-        """What speaks against a grasp, in words; empty where geometry finds nothing."""
-        said = [f"{' and '.join(verdict.hits)} would go into the part"] if verdict.hits else []
+        """Objections to a grasp, in words; empty where the geometry is fine."""
+        said = [f"{' and '.join(verdict.hits)} would penetrate the part"] if verdict.hits else []
         if verdict.use is not None:
             return said + ([] if verdict.use < 1 else ["the faces do not hold here"])
         assert isinstance(self.gripper, ParallelJaw)
         if not np.isfinite(verdict.width):
-            return [*said, "a pad closes on nothing"]
+            return [*said, "a pad does not meet the part"]
         deeper = point.width - verdict.width
         if deeper < -WIDTH or (deeper > WIDTH and self.gripper.groove is None):  # round parts sink into a groove
             said.append(f"the part is {1e3 * verdict.width:.1f} mm wide here, not {1e3 * point.width:.1f} mm")
@@ -136,7 +136,9 @@ class GraspJudge:
         return float(np.arctan(np.sqrt(mine * self.workpiece.friction)))
 
     def free_poses(self, point: GraspPoint) -> tuple[int, int]:
-        """How many of all poses of a grasp point leave the open gripper room beside the workpiece, and how many are."""
+        """Number of poses of a grasp point without collision of the open gripper and the workpiece, and number of
+        all.
+        """
         poses = expand((point.model_copy(update={"enabled": True}),), self.workpiece)
         shape = OpenGripper.of(self._solid(opening(point)))
         hit = shape.hits_points(poses.Ts_part_tool, self.points, -INTO)

@@ -1,4 +1,4 @@
-"""The widgets of the grasp editor: what stands where, and which action of the editor each one calls."""
+"""The widgets of the grasp editor, and the action of the editor that each one calls."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from pickproof.scenarios.grasp_editor.geometry_checks import GraspJudge, GraspVe
 from pickproof.scenarios.grasp_editor.snapping import Plane, Snapping
 
 RED, GREEN, AMBER = "#c62f2f", "#1f8a4c", "#b36b00"
-SLIPS = 2e-3  # [m] in the hand from which a grasp that held is worth a warning
+SLIPS = 2e-3  # [m] slip from which a grasp that held gets a warning
 CAD = "as in the CAD"
 EVERYWHERE, HEAP = "everywhere", "in a heap"
 HINTS = {
     "choose": "**1. Choose** a grasp in the list or click its ball. Then drag the arrows and rings at it.",
-    "drag": "**2. Look at the verdict** below while you drag. Green is good. *Fit* puts the pads where the part is.",
+    "drag": "**2. Check the verdict** below while you drag. Green is good. *Fit* moves the pads to the part's faces.",
     "try": "**3. Try it** in the physics (tab *Try*), free on a table and in a heap.",
-    "lost": "**It held nowhere.** Read why in the table, drag the grasp or change its fields, and try again.",
+    "lost": "**It held nowhere.** The table gives the reasons. Drag the grasp or change its fields, and try again.",
     "tried": "**4. Save** (tab *Save*): you see what changes in the file before it is written.",
     "saved": "**Saved.** `pickproof run` uses it from now on. Choose the next grasp, or close the page.",
 }
 
 
 class Actions(Protocol):
-    """What the page can ask of the editor; each is safe to call from any thread."""
+    """The actions of the editor; each is safe to call from any thread."""
 
     def select(self, index: int) -> None:
         """Edit another grasp."""
@@ -73,8 +73,8 @@ class Panel:
         self._banner = gui.add_markdown("", visible=False)
         with gui.add_folder("The file was changed by another program", visible=False) as self._conflict:
             self._theirs = gui.add_markdown("")
-            self._button("Reload it (yours is one Undo away)", "reload")
-            self._button("Overwrite it (theirs is kept beside it)", "overwrite")
+            self._button("Reload it (Undo restores your version)", "reload")
+            self._button("Overwrite it (the other version is kept beside it)", "overwrite")
         self._list = gui.add_dropdown("grasp", ("-",))
         self._list.on_update(self._chosen)
         undo = gui.add_button_group("", ("Undo", "Redo", "Fit"))
@@ -88,7 +88,7 @@ class Panel:
         with tabs.add_tab("Try"):
             self._try_tab()
         with tabs.add_tab("Save"):
-            gui.add_markdown("What saving changes in the file. Comments and order stay as they are.")
+            gui.add_markdown("Changes that saving writes to the file. Comments and order are kept.")
             self._button("Show changes", "show changes")
             self._write = self._button("Write the file", "save")
             self._write.visible = False
@@ -117,7 +117,7 @@ class Panel:
             self._lies.on_update(lambda event: actions.lie(event.target.value))
             for name, label, on in (
                 ("others", "other grasps", True),
-                ("bodies", "whole grippers of all", False),
+                ("bodies", "whole grippers of all grasps", False),
                 ("ghosts", "symmetric copies", True),
                 ("symmetry", "symmetry axes and centre of mass", True),
                 ("planes", "planes of symmetry", False),
@@ -131,7 +131,7 @@ class Panel:
         self._try = gui.add_button("Try this grasp", hint="grip, lift and shake in the physics", disabled=True)
         self._try.on_click(lambda _: actions.try_it(self._where.value))
         self._button("Another heap", "another heap")
-        self._results = gui.add_markdown("Grips, lifts and shakes the part; a heap is rehearsed as in a run.")
+        self._results = gui.add_markdown("Grips, lifts and shakes the part; a heap trial runs as in a campaign.")
         with gui.add_folder("Film", visible=False) as self._film:
             which = gui.add_dropdown("film", ("-",))
             which.on_update(self._film_chosen)
@@ -162,36 +162,36 @@ class Panel:
 
     @property
     def snapping(self) -> Snapping:
-        """What is ticked."""
+        """The ticked options."""
         return Snapping(**{name: box.value for name, box in self._snaps.items()})
 
     def list_grasps(self, points: Sequence[GraspPoint], selected: int) -> None:
-        """The names, those that are off marked."""
+        """The names; those that are off are marked."""
         options = tuple(f"{p.name}{'' if p.enabled else ' (off)'}" for p in points) or ("-",)
         if self._list.options != options:
             self._list.options = options
         self._list.value = options[min(selected, len(options) - 1)]
 
     def list_resting(self, n: int) -> None:
-        """How many resting poses there are to look at and to try in; the physics is ready then."""
+        """Set the number of resting poses; the physics is ready then."""
         poses = tuple(resting_name(k) for k in range(n))
         self._lies.options = (CAD, *poses)
         self._where.options = (EVERYWHERE, *poses, HEAP)
         self._try.disabled = False
 
     def say(self, line: str, colour: str = RED) -> None:
-        """One line over everything, empty for none."""
+        """Show one line above the page, empty for none."""
         self._banner.content = f'<span style="color:{colour}">**{_escaped(line)}**</span>' if line else ""
         self._banner.visible = bool(line)
 
     def conflict(self, diff: str | None) -> None:
-        """Ask what is to become of two edits; None when that is settled."""
+        """Ask which of two versions to keep; None when that is decided."""
         self._conflict.visible = diff is not None
         self._theirs.content = f"Changed there:\n```diff\n{diff}\n```" if diff else ""
 
     def show_diff(self, diff: str, changed: bool) -> None:
-        """What saving would do, and the button that does it."""
-        self._diff.content = f"```diff\n{diff}\n```" if diff else "Nothing: the file is as you see it."
+        """Show the changes of saving, and the save button."""
+        self._diff.content = f"```diff\n{diff}\n```" if diff else "No changes: the file is up to date."
         self._write.visible = changed
 
     def forget_diff(self) -> None:
@@ -199,15 +199,15 @@ class Panel:
         self._diff.content, self._write.visible = "", False
 
     def busy(self, on: bool) -> None:
-        """A try is running."""
+        """Show that a trial is running."""
         self._try.disabled = on
         if on:
             self._results.content = "Trying ..."
 
     def results(self, outcomes: dict[str, Outcome], seconds: float) -> None:
-        """What came of a try in each place."""
+        """Show the result of a trial in each place."""
         rows = [f"| {name} | {_said(outcome)} |" for name, outcome in outcomes.items()]
-        table = ["| where | what came of it |", "|---|---|", *rows]
+        table = ["| where | result |", "|---|---|", *rows]
         self._results.content = "\n".join([*table, "", f"took {seconds:.1f} s"])
         films = tuple(name for name, outcome in outcomes.items() if outcome.film is not None)
         self._film.visible = bool(films)
@@ -221,7 +221,7 @@ class Panel:
         """The geometry of the grasp as it stands."""
         doubts = judge.doubts(verdict, point)
         colour = RED if doubts else GREEN
-        lines = [f'<span style="color:{colour}">**{"; ".join(doubts) or "no objection from geometry"}**</span>']
+        lines = [f'<span style="color:{colour}">**{"; ".join(doubts) or "geometry is fine"}**</span>']
         if verdict.use is None:
             left, right = (f"{1e6 * a:.0f}" for a in verdict.areas)
             angle = max(verdict.angles) * 57.29578
@@ -231,10 +231,10 @@ class Panel:
                 f"{1e3 * abs(verdict.off_centre):.2f} mm",
             ]
         else:
-            lines.append(f"uses {100 * verdict.use:.0f} % of what the faces hold at 12 m/s²")
+            lines.append(f"uses {100 * verdict.use:.0f} % of the load limits of the faces at 12 m/s²")
         lines.append(f"centre of mass {1e3 * verdict.com_offset:.1f} mm beside the grip")
         if free is not None:
-            lines.append(f"of its {free[1]} poses {free[0]} leave the gripper room")
+            lines.append(f"{free[0]} of its {free[1]} poses are free of collisions with the part")
         self._verdict.content = "  \n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""The 3-D side of the grasp editor: workpiece, grasps, handle, ghosts, and the film of a try."""
+"""The 3-D scene of the grasp editor: workpiece, grasps, handle, ghosts, and the film of a trial."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ class EditorScene:
         self._ghosts.batched_positions = Ts[:, :3, 3]
 
     def show_film(self, outcome: Outcome | None) -> None:
-        """Put the try of a grasp on the stage, or the workpiece to be edited again."""
+        """Show the trial of a grasp, or the workpiece for editing."""
         for handle in self._film:
             handle.remove()
         self._film = []
@@ -198,12 +198,12 @@ class EditorScene:
         for client in self._server.get_clients().values():
             camera = client.camera
             if camera.update_timestamp == 0:
-                continue  # has not said yet where it is
+                continue  # its pose is not known yet
             self._views.setdefault(client.client_id, (camera.position, camera.look_at))
             camera.position, camera.look_at = middle + far * np.array([0.55, -0.85, 0.45]), middle
 
     def _look_back(self) -> None:
-        """Every camera to where its user had it."""
+        """Move every camera back to the view of its user."""
         for client in self._server.get_clients().values():
             if client.client_id in self._views:
                 client.camera.position, client.camera.look_at = self._views.pop(client.client_id)

@@ -1,4 +1,4 @@
-"""Help for placing a grasp by hand: snapping to what the CAD offers, and mirroring at its planes."""
+"""Snapping of a dragged grasp to features of the CAD, and mirroring at its planes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Snapping:
-    """What a dragged grasp snaps to."""
+    """Kinds of features to which a dragged grasp snaps."""
 
     normals: bool = True
     edges: bool = False
@@ -45,7 +45,7 @@ class Snapping:
 
 @dataclass(frozen=True)
 class SnapTargets:
-    """What one workpiece offers; build it once with `of`."""
+    """The snap features of one workpiece; build it once with `of`."""
 
     workpiece: Workpiece
     points: Array
@@ -71,7 +71,7 @@ class SnapTargets:
         """The grip frame (4, 4), x closing and z approach, moved to what lies near; itself where nothing does.
 
         Args:
-            start: (4, 4) where the drag began: what it did not turn, or not move along a direction, stays as it was.
+            start: (4, 4) at the start of the drag; rotation or position that the drag did not change is kept.
         """
         planes = [
             *(self.centre_planes if to.centre_planes else ()),

@@ -1,4 +1,4 @@
-"""The physics behind the grasp editor: grasps tried in a thread of its own, and the film of what came of it."""
+"""The physics of the grasp editor: trials of grasps in a separate thread, and the film of each trial."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pickproof.scenarios.grasp_editor.scene import EditorScene
 from pickproof.scenarios.grasp_trials.trial import TrialCell
 
 TICK = 0.04  # [s] between frames of a film
-SLOW = 2.0  # times slower than it was
+SLOW = 2.0  # slow-motion factor
 
 
 class GraspTries:
@@ -61,12 +61,12 @@ class GraspTries:
                 cell.close()
 
     def begin(self, point: GraspPoint, where: str) -> None:
-        """Try a grasp in one place or everywhere; the page says what came of it."""
+        """Try a grasp in one place or everywhere; the page shows the result."""
         self._panel.busy(True)
         self._submit(self._try, point, where)
 
     def another_heap(self) -> None:
-        """Let the workpieces fall anew."""
+        """Fill the heap again."""
         self._seed += 1
         self._submit(self._settle, self._seed)
 
@@ -74,7 +74,7 @@ class GraspTries:
         self._physics.submit(job, *words).add_done_callback(self._ended)
 
     def _ended(self, job: Future[None]) -> None:
-        """What nobody expected is not to vanish in a thread."""
+        """Show an unexpected error of the thread on the page."""
         if not job.cancelled() and (error := job.exception()) is not None:
             self._panel.say(f"The physics failed: {type(error).__name__}: {error}")
             self._panel.busy(False)
@@ -89,7 +89,7 @@ class GraspTries:
         try:
             heap = HeapCell(self._workpiece, self._gripper, seed)
         except PickproofError as error:
-            self._panel.say(f"No heap to try grasps in: {error}")
+            self._panel.say(f"No heap for trials: {error}")
             return
         if self._heap is not None:
             self._heap.close()

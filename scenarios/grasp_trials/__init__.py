@@ -1,1 +1,1 @@
-"""Grasps tried in the physics on a lone workpiece."""
+"""Trials of grasps in the physics on a single workpiece."""

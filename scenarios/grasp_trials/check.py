@@ -1,4 +1,4 @@
-"""Which grasp points hold a lone workpiece, in each of the poses in which it rests."""
+"""Trials of all grasp points on a single workpiece, in each of its resting poses."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from pickproof.scenarios.grasp_trials.trial import FREE, PlacedGrasp, TrialCell,
 
 NOTHING = np.zeros((0, 3))
 IN_THE_AIR = 0.5
-"""[m] over the table at which a grasp is tried that no way of lying allows."""
+"""[m] height over the table at which a grasp is tried that no resting pose allows."""
 NOVELTY = 0.02
-"""Weight of an approach unlike those before against the probability of a way of lying."""
+"""Weight of a new approach direction relative to the probability of a resting pose."""
 
 
 def check_grasp_points(
@@ -73,11 +73,11 @@ def tried(
 
 
 def in_order_of_use(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint]) -> list[GraspPoint]:
-    """Grasp points in another order: first those that serve a way of lying which none before serves as well.
+    """Grasp points sorted to cover resting poses: first those for resting poses with the fewest points before.
 
-    A point serves a way of lying where the gripper can go there. Each next point is the one that adds most of the
-    probability of ways that have the fewest points so far; among those that add nothing, the one whose approach is
-    farthest from all before.
+    A point covers a resting pose if the gripper can reach it there. Each next point adds the largest probability of
+    resting poses with the fewest points so far; if none adds any, it is the one whose approach is farthest from all
+    before.
     """
     resting = resting_poses(workpiece.mesh, workpiece.symmetry)
     chance = np.array([r.probability for r in resting])
@@ -100,7 +100,7 @@ def in_order_of_use(workpiece: Workpiece, gripper: Gripper, points: Sequence[Gra
 def best_candidate(
     point: GraspPoint, T_world_part: Array, workpiece: Workpiece, gripper: Gripper
 ) -> GraspCandidate | str:
-    """The best pose of one grasp point on a workpiece that lies alone; else the verdict on most of its poses."""
+    """The best pose of one grasp point on a single workpiece; else the most frequent verdict on its poses."""
     found = candidates_of(point, T_world_part, workpiece, gripper)
     return found if isinstance(found, str) else found[0]
 
@@ -120,7 +120,7 @@ def candidates_of(
 
 def check_table(rows: Sequence[dict[str, Any]], resting: int) -> Table:
     """Grasp points against resting poses."""
-    table = Table(title="a lone workpiece in its resting poses, likeliest first; slip in mm", title_justify="left")
+    table = Table(title="a single workpiece in its resting poses, likeliest first; slip in mm", title_justify="left")
     table.add_column("grasp point", no_wrap=True)
     for k in range(resting):
         table.add_column(f"pose {k}")
@@ -141,8 +141,8 @@ def lying(
 ) -> Iterator[tuple[int, list[GraspCandidate]]]:
     """Index of each resting pose (k, 4, 4) that leaves the gripper room for a grasp, and its candidates there.
 
-    A workpiece whose grasp looks sideways or up in all its resting poses is `turned` in thought: the limit on tilt is
-    lifted, so that the grasp is tried before it is thrown away; in a heap workpieces lie in all ways.
+    If the grasp points sideways or up in all resting poses, the result is `turned`: the limit on tilt is dropped and
+    the grasp is still tried, because in a heap workpieces have any orientation.
     """
     for loose in (point, _leaning(point)) if turned else (point,):
         found = [(k, candidates_of(loose, T, workpiece, gripper)) for k, T in enumerate(resting)]
@@ -155,8 +155,8 @@ def lying(
 def _robustness(cell: TrialCell, resting: Array, point: GraspPoint) -> float:
     """Share of pose errors under which the grasp holds, in the likeliest resting pose that leaves the gripper room.
 
-    Where a workpiece's grasp looks sideways or up in all its resting poses, jaws grip it in the air, upright under the
-    gripper and without weight until it is gripped: in a heap workpieces lie in all ways.
+    If the grasp points sideways or up in all resting poses, jaws grip the workpiece in the air, upright under the
+    gripper and without gravity until it is gripped, because in a heap workpieces have any orientation.
     """
     jaws = isinstance(cell.gripper, ParallelJaw)
     for k, (best, *_) in lying(point, resting, cell.workpiece, cell.gripper, turned=not jaws):

@@ -1,4 +1,4 @@
-"""Which errors of a pose each grasp tolerates, direction by direction, and whether perception makes larger ones."""
+"""Pose errors that each grasp tolerates, by direction, compared with the errors of perception."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Directions of an error: along and about the axes of the CAD, through the centre of mass."""
 KEYS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")  # in `axis_errors` of evaluation.json
 SIZES = {"mm": (0.5, 1.0, 2.0, 3.0, 4.0, 6.0), "deg": (1.0, 2.0, 4.0, 7.0, 10.0, 15.0)}
-TOOL_AXES = ("closing", "across", "approach")  # what x, y and z of the tool do
+TOOL_AXES = ("closing", "across", "approach")  # meaning of x, y and z of the tool
 
 
 @dataclass(frozen=True)
 class Robustness:
-    """What one grasp tolerates.
+    """The pose errors that one grasp tolerates.
 
     Attributes:
         resting: index of the resting pose that it was tried in, likeliest first; -1 where the gripper has no room.
@@ -59,7 +59,7 @@ class Robustness:
 
     @property
     def share(self) -> float:
-        """Of all errors tried, those under which it held."""
+        """Share of the tried errors under which it held."""
         return float(self.held.mean())
 
 
@@ -130,7 +130,7 @@ def read_errors(path: Path) -> dict[str, float]:
 
 
 def beyond(grasp: Robustness, errors: dict[str, float]) -> list[int]:
-    """Which of AXES perception errs along by more than the grasp tolerates, in either direction; worst first."""
+    """Indices of AXES along which perception's error exceeds the tolerance in either direction; worst first."""
     least = grasp.tolerated.min(1)
     excess = {a: errors[KEYS[a]] - least[a] for a in range(len(AXES)) if errors[KEYS[a]] > least[a]}
     scale = np.array([sizes_of(a)[-1] for a in range(len(AXES))])
@@ -138,9 +138,9 @@ def beyond(grasp: Robustness, errors: dict[str, float]) -> list[int]:
 
 
 def verdict(grasp: Robustness, errors: dict[str, float] | None) -> str:
-    """In one line: whether the grasp will fail, along what, and what happens then."""
+    """One line: whether the grasp will fail, in which direction, and the failure."""
     if grasp.resting < 0:
-        return f"never tried: in no resting pose has the gripper room ({grasp.reason})"
+        return f"not tried: the gripper has no clearance in any resting pose ({grasp.reason})"
     if grasp.reason:
         return f"fails without any error: {grasp.reason}"
     if errors is None:
@@ -155,7 +155,7 @@ def verdict(grasp: Robustness, errors: dict[str, float] | None) -> str:
     a = found[0]
     others = f", and {', '.join(AXES[b] for b in found[1:])}" if found[1:] else ""
     return (
-        f"will fail: perception errs by up to {_size(a, errors[KEYS[a]])} {_along(grasp, a)}, it tolerates "
+        f"will fail: perception has errors up to {_size(a, errors[KEYS[a]])} {_along(grasp, a)}, the grasp tolerates "
         f"{_size(a, grasp.tolerated[a].min())}; then: {grasp.reasons[a]}{others}"
     )
 

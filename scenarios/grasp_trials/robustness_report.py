@@ -15,8 +15,8 @@ GOOD, BAD, BASE = "#8fcbab", "#d9776c", "#1b2430"
 
 
 def robustness_table(grasps: Sequence[Robustness], errors: dict[str, float] | None) -> Table:
-    """Grasps against directions: what each tolerates, negative / positive; red where perception errs by more."""
-    table = Table(title="errors of the pose that each grasp tolerates, - / +, in mm and degrees", title_justify="left")
+    """Table of tolerated errors by grasp and direction, negative / positive; red where perception's are larger."""
+    table = Table(title="pose errors that each grasp tolerates, - / +, in mm and degrees", title_justify="left")
     table.add_column("grasp point", overflow="fold")
     for axis in (*AXES, "held"):
         table.add_column(axis, justify="right", no_wrap=True)

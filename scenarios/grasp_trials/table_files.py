@@ -16,7 +16,7 @@ from pickproof.grasping.grasp_points import GraspPoint
 from pickproof.grasping.isaac_grasp import read_isaac_grasps
 
 GRIPPER = "jaw_v1"
-"""Where no table names one."""
+"""Gripper where no table names one."""
 
 
 def workpiece_and_gripper(name: str, gripper: str | None, table: Path | None = None) -> tuple[Workpiece, Gripper]:
@@ -30,7 +30,7 @@ def gripper_of(path: Path) -> str:
     try:
         return str(read_yaml(path).get("gripper", GRIPPER))
     except InputError:
-        return GRIPPER  # whoever needs the table says what is wrong with it
+        return GRIPPER  # the reader of the table reports its errors
 
 
 def imported(file: Path, T_hand_tool: Array, workpiece: Workpiece, gripper: Gripper) -> list[GraspPoint]:

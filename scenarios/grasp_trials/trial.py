@@ -1,7 +1,7 @@
-"""Grasps tried in the physics on a lone workpiece: no arm, no bin, no neighbours.
+"""Trials of grasps in the physics on a single workpiece: no arm, no bin, no neighbours.
 
-A floating gripper moves to a workpiece that lies on a table as it rests, grips, lifts and shakes it with the
-acceleration of a transfer. What is still between the fingers then is held.
+A floating gripper moves to a workpiece in a resting pose on a table, grips, lifts and shakes it with the acceleration
+of a transfer. The grasp holds if the workpiece is then still between the fingers.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from pickproof.cell.physics.world import World
 from pickproof.cell.workpiece.workpiece import Workpiece
 
 FREE = Bin("table", (20.0, 20.0, 1e-4), 0.01, (0.0, 0.0, 0.0))
-"""No bin at all: a floor as far as any gripper reaches."""
+"""A bin without effect: only a large floor."""
 LIKELY = 0.02  # probability of a resting pose below which it is not looked at
 POSES = 8
 BEFORE = 0.03  # [m] of straight line before the grasp
 LIFT, SHAKE = 0.10, 0.06  # [m]
 ACCELERATION = 12.0  # [m/s2] of lift and shake: what a scenario allows to the held workpiece
 SHIFT, TURN = 0.0015, np.deg2rad(2.0)  # errors of a pose for which a grasp is tried, along and about each axis
-FAR = 0.010  # [m] by which the turns move no point of the workpiece any farther: depth images show the ends of a rail
+FAR = 0.010  # [m] limit of the motion of any point by a rotation error: depth images show the ends of a rail
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One grasp in the physics: whether the workpiece was still held, and how far it slid in the fingers.
+    """Result of one trial: whether the workpiece was still held, and its slip in the fingers.
 
     Attributes:
         slip, turn: of its centre of mass in [m] and of itself in [rad], from grip to the end of the shake.
-        pushed: way of the corner of its bounding box that moved farthest until it was gripped [m].
+        pushed: largest displacement [m] of a corner of its bounding box until it was gripped.
     """
 
     held: bool
@@ -53,12 +53,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class PlacedGrasp:
-    """A grasp on a workpiece that lies somewhere.
+    """A grasp on a workpiece at a given pose.
 
     Attributes:
         T_world_part, T_world_tool: (4, 4) of the workpiece, and of the TCP at the grasp.
-        opening: of the jaws on the way in, in [m].
-        weightless: the workpiece weighs nothing until it is gripped, and may be anywhere in the air.
+        opening: of the jaws during the approach, in [m].
+        weightless: gravity acts only after the grip, so the workpiece may be anywhere in the air.
     """
 
     T_world_part: Array
@@ -87,7 +87,7 @@ class TrialCell:
         self.world.add_part(self.workpiece, make_transform(t=(0.0, 0.0, 1.0)))
 
     def rebuild(self) -> None:
-        """As new, so that what follows does not depend on the trials before: not even in the last bit."""
+        """Reset the world, so that a trial does not depend on those before, not even in the last bit."""
         self.world.restart()
         self._build()
 
@@ -111,8 +111,8 @@ class TrialCell:
         """Grip the workpiece that lies at T_world_part with the TCP at T_world_tool, lift and shake it.
 
         Args:
-            opening: of the jaws on the way in, in [m].
-            weightless: it weighs nothing until it is gripped, and may be anywhere in the air.
+            opening: of the jaws during the approach, in [m].
+            weightless: gravity acts only after the grip, so the workpiece may be anywhere in the air.
         """
         taken = self._grip(T_world_part, T_world_tool, opening, weightless)
         if taken.parts != (0,):
@@ -135,7 +135,7 @@ class TrialCell:
             return grip(self.world, self.arm)
 
     def _lost_in_motion(self, T_world_tool: Array) -> str:
-        """Lift and shake what is held; where it was lost, empty where it is held still."""
+        """Lift and shake the held workpiece; returns where it was lost, empty if it is still held."""
         for way in ((0.0, 0.0, LIFT), (SHAKE, 0.0, LIFT), (0.0, SHAKE, LIFT)):
             self._line(make_transform(t=way) @ T_world_tool)
             if held(self.world, self.arm) != (0,):
@@ -180,7 +180,7 @@ def pose_errors(workpiece: Workpiece) -> Array:
 
 
 def try_errors(cell: TrialCell, grasp: PlacedGrasp, errors: Array) -> Iterator[Trial]:
-    """A grasp tried as if the workpiece's pose were estimated with each of the `errors` (n, 4, 4), in their order.
+    """Trials of a grasp with each of the pose errors `errors` (n, 4, 4), in their order.
 
     An error is T_part_estimate about the centre of mass: a shift along and a turn about the axes of the CAD there.
     """

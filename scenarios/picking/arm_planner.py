@@ -1,4 +1,4 @@
-"""Plans the arm's motion of one candidate after the other, with what the camera measured as obstacle."""
+"""Plans the arm's motion for candidates in turn, with the measured heap as an obstacle."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from pickproof.scenarios.picking.episode_state import EpisodeState, waits_at
 from pickproof.scenarios.picking.heap_heightmap import Scan
 
 SEARCHES = 6
-"""Candidates of a decision for which a path is searched, which takes seconds; then only quick ways are tried."""
-OVER_RIM = 0.008  # [m] the lowest corner of a part that has been lifted out of the bin
+"""Candidates of a decision for which a path may be searched (seconds each); later ones get only simple motions."""
+OVER_RIM = 0.008  # [m] height of the lowest corner of the part over the rim when it is out of the bin
 
 
 class ArmPlanner:
-    """Plans of the arm for one candidate after the other; collision scenes are built once for each opening."""
+    """Plans of the arm for candidates in turn; collision scenes are built once for each opening."""
 
     def __init__(self, cell: CellModel, frame: DepthFrame, state: EpisodeState, seed: int) -> None:
         self._cell, self._state, self._seed = cell, state, seed
@@ -44,7 +44,7 @@ class ArmPlanner:
         self.planned = 0
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
-        """The pick of a candidate, or where planning ended."""
+        """The pick of a candidate, or the failure of planning."""
         cell, opening = self._cell, candidate.opening
         if opening not in self._scenes:
             self._scenes[opening] = self._scene(opening)
@@ -57,7 +57,7 @@ class ArmPlanner:
         return plan_pick(scene, request_of(cell, candidate, self._state, search, self._pile_without(candidate)))
 
     def _scene(self, opening: float) -> CollisionScene:
-        """The cell with the heap and what was placed, for a gripper that is `opening` [m] open."""
+        """Collision scene with the heap and the placed workpieces, for a gripper that is `opening` [m] open."""
         cell = self._cell
         waits = None if self._state.waits_at is None else cell.gripper.flange_boxes(self._state.opened)
         boxes = cell.gripper.flange_boxes(opening)
@@ -79,7 +79,7 @@ def request_of(
     search: PathSearch,
     pile_without: HeightField | None = None,
 ) -> PickRequest:
-    """What the planner is asked for one candidate; `pile_without`: the scanned pile once its workpiece is out of it."""
+    """The request to the planner for one candidate; `pile_without`: the scanned pile without its workpiece."""
     T_flange_tool, T_tool_part = cell.gripper.T_flange_tool, invert(candidate.T_part_tool)
     held = HeldPart(cell.workpiece.pieces, T_tool_part)
     places = state.place.tool_poses(candidate.T_part_tool, candidate.opening)
@@ -117,10 +117,10 @@ def _out_of_bin(cell: CellModel, held: HeldPart, up: float) -> float:
 
 
 def _retract_direction(T_world_tool: Array, middle: Array) -> tuple[float, float, float]:
-    """Unit vector halfway between straight up and the way that a leaning tool comes from, where it leads inwards.
+    """Unit vector halfway between up and the reverse approach of a tilted tool, where that leads inwards.
 
-    Cups and magnets hold a face, not sides: straight up would drag a workpiece that leans on a wall along that wall.
-    A tool that leans over the nearest wall, away from `middle` (2,) of the bin, goes straight up.
+    Cups and magnets hold one face: a lift straight up would drag a workpiece that leans on a wall along that wall. A
+        tool tilted over the nearest wall, away from `middle` (2,) of the bin, moves straight up.
     """
     half = np.array([0.0, 0.0, 1.0]) - T_world_tool[:3, 2]
     if half[:2] @ (middle - T_world_tool[:2, 3]) <= 0:
@@ -130,7 +130,7 @@ def _retract_direction(T_world_tool: Array, middle: Array) -> tuple[float, float
 
 
 def _narrowing(cell: CellModel, opening: float, state: EpisodeState) -> float:
-    """Time in [s] in which the jaws come from how they wait to a narrower `opening` [m]."""
+    """Time in [s] in which the jaws move from the waiting opening to a narrower `opening` [m]."""
     if state.waits_at is None or not isinstance(cell.gripper, ParallelJaw) or state.opened <= opening:
         return 0.0
     return (state.opened - opening) / 2 / cell.gripper.speed + OPEN_EASE

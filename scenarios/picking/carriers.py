@@ -1,4 +1,4 @@
-"""What carries the gripper: the robot arm, or the floating gripper of the motion oracle."""
+"""Carriers of the gripper: the robot arm, or the floating gripper of the motion oracle."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from pickproof.scenarios.picking.cell_model import CellModel
 from pickproof.scenarios.picking.episode_state import EpisodeState, waits_at
 from pickproof.scenarios.picking.motion_oracle import FloatingPlanner, floating_raise
 
-RAISE_SPEED = 0.3  # share of the joints' limits at which the arm raises what it weighs
+RAISE_SPEED = 0.3  # share of the joint limits at which the arm raises a workpiece for weighing
 
 
 class Planner(Protocol):
-    """Plans one candidate after the other of one image; `planned` counts those for which a motion was looked for."""
+    """Plans candidates of one image in turn; `planned` counts those for which a motion was searched."""
 
     planned: int
 
@@ -35,10 +35,10 @@ class Planner(Protocol):
 
 
 class Carrier(Protocol):
-    """What carries the gripper.
+    """Carrier of the gripper.
 
     Attributes:
-        name: as replay files hold it.
+        name: as stored in replay files.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Carrier(Protocol):
         ...
 
     def waypoints(self, cell: CellModel, plan: PickPlan) -> Any:
-        """Points of a plan as JSON for the record and robot programs; None where no robot moved."""
+        """Points of a plan as JSON for the record and robot programs; None without a robot."""
         ...
 
 
@@ -105,9 +105,9 @@ class ArmCarrier:
 
 
 class FloatingCarrier:
-    """The motion oracle: a gripper that goes anywhere, with nothing but itself that could collide."""
+    """The motion oracle: a floating gripper that reaches every pose; only the gripper itself can collide."""
 
-    name = "gantry"  # written to replay files since the first version, so it stays
+    name = "gantry"  # stored in replay files since the first version, so it is kept
 
     def home(self, place: Bin, gripper: Gripper) -> Array:
         """See `Carrier.home`."""
@@ -122,7 +122,7 @@ class FloatingCarrier:
         return FloatingPlanner(cell, frame, state)
 
     def ranking_start(self, cell: CellModel, state: EpisodeState) -> Array:
-        """The arm's home: the floating gripper's joints are none of the arm's."""
+        """The arm's home pose, since the floating gripper has no arm joints."""
         return cell.robot.home
 
     def raised(self, cell: CellModel, carry: Trajectory, height: float) -> Array:

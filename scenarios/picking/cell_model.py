@@ -1,4 +1,4 @@
-"""What a cell is made of, as planning knows it: scenario, workpiece, robot, gripper and boxes, without the physics."""
+"""The model of a cell for planning: scenario, workpiece, robot, gripper and boxes, without the physics."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ class CellModel:
 
     @property
     def gripper_boxes(self) -> frozenset[str]:
-        """Names of the gripper's collision boxes, which tell its collisions from the arm's."""
+        """Names of the gripper's collision boxes, to distinguish its collisions from the arm's."""
         return frozenset(box.name for box in self.gripper.boxes(0.0))
 
     def new_place(self) -> Place:
-        """The places of the scenario, nothing placed yet."""
+        """The empty places of the scenario."""
         return place_of(self.scenario, self.place, self.workpiece, self.gripper)

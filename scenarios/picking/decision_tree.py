@@ -1,4 +1,4 @@
-"""The tree that an attempt keeps: estimates -> grasp points -> the first reason that ruled each pose out."""
+"""The decision tree of an attempt: estimates -> grasp points -> the first reason that ruled each pose out."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ BY_THE_ARM = {
 
 @dataclass(frozen=True)
 class CandidateNode:
-    """What became of one grasp candidate; what is None is left out of the JSON.
+    """Result of one grasp candidate; fields that are None are left out of the JSON.
 
     Attributes:
         terms: of the rank. detail: why planning refused it.
-        weighed: of the chosen one, how many workpieces the wrist says came along.
-        after_stop: of the chosen one, how the arm came back after it was stopped.
+        weighed: of the chosen one, the number of workpieces by the wrist sensor.
+        after_stop: of the chosen one, how the arm recovered after a stop.
     """
 
     grasp: str
@@ -42,12 +42,12 @@ class CandidateNode:
 
 @dataclass(frozen=True)
 class EstimateNode:
-    """What became of the grasp poses of one estimate.
+    """Results of the grasp poses of one estimate.
 
     Attributes:
         position: of the workpiece in the world [m].
         ruled_out: grasp point -> verdict -> number of poses.
-        candidates: those that planning looked at, and the best one.
+        candidates: those that planning examined, and the best one.
     """
 
     score: float
@@ -57,7 +57,7 @@ class EstimateNode:
 
 
 def decision_tree(considered: Considered, evidence: Evidence | None, tool: Collection[str]) -> list[EstimateNode]:
-    """What became of every grasp pose of every estimate.
+    """The tree of all grasp poses of all estimates.
 
     Args:
         evidence: of the executed pick, None for a no-pick.
@@ -70,7 +70,7 @@ def decision_tree(considered: Considered, evidence: Evidence | None, tool: Colle
         of_estimate[candidate.estimate].append(i)
     nodes = []
     for k, (T_world_part, score) in enumerate(zip(estimates.Ts_world_part, estimates.scores, strict=True)):
-        # of those that were merely outranked the best one is told of by itself, the others are counted
+        # of the outranked candidates only the best has its own entry; the others are counted
         shown = [i for n, i in enumerate(of_estimate[k]) if n == 0 or verdicts[i] != Verdict.OUTRANKED]
         outranked = Counter(selection.candidates[i].point.name for i in of_estimate[k] if i not in shown)
         nodes.append(
@@ -104,7 +104,7 @@ def candidate_verdicts(selection: Selection, decision: Decision, tool: Collectio
 
 
 def planning_verdict(failure: PlanFailure | RuledOut, tool: Collection[str]) -> Verdict:
-    """The verdict on a grasp that was refused when its turn came."""
+    """The verdict on a grasp that was refused by planning."""
     if isinstance(failure, RuledOut):
         return failure.verdict
     if failure.cause in BY_THE_ARM:
@@ -122,7 +122,7 @@ def planning_verdict(failure: PlanFailure | RuledOut, tool: Collection[str]) -> 
 
 
 def rounded_terms(candidate: GraspCandidate) -> dict[str, float]:
-    """Terms of the rank as they are written down."""
+    """Terms of the rank, rounded for the record."""
     return {name: round(value, 3) for name, value in candidate.terms.items()}
 
 

@@ -1,8 +1,7 @@
-"""Over the place, where the arm stands still: how many workpieces came along, by their weight.
+"""Detection of double picks by weight, while the arm stands still over the place.
 
-The sensor's noise is that of one reading, and independent from one to the next: the mean of n has noise / sqrt(n). A
-light workpiece is read n times, as many as set one apart from two; where that takes longer than `wrist.PATIENCE`,
-nothing is decided.
+The noise of readings is independent, so the mean of n readings has noise / sqrt(n). The number n is chosen so that one
+workpiece can be distinguished from two; where that takes longer than `wrist.PATIENCE`, there is no decision.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ from pickproof.scenarios.picking.stages import Weighed
 from pickproof.scenarios.picking.workcell import Workcell
 
 RAISED = 0.06  # [m] over a place, clear of what lies there
-STEADY = 0.1  # of a workpiece's weight: spread of the reading over which it may swing
+STEADY = 0.1  # share of a workpiece's weight: a larger spread of the reading means that it may swing
 SIGMAS = 4.5
 """Standard deviations of the mean reading within half a workpiece's weight, and within what `double_above` leaves."""
 
 
 def readings(wrist: WristConfig, mass: float) -> int:
-    """Readings whose mean tells one workpiece of `mass` [kg] from two; 0 where they take longer than PATIENCE.
+    """Number of readings that distinguish one workpiece of `mass` [kg] from two; 0 where they exceed PATIENCE.
 
     With `double_above` 1.7, one workpiece is then at least 1.4 SIGMAS below the limit and two 0.6 SIGMAS above it: one
     is taken for two in less than one of 10^9 weighings, and two for one in 1.4 % at most, as all four readings must
@@ -38,10 +37,10 @@ def readings(wrist: WristConfig, mass: float) -> int:
 
 
 def count_by_weight(cell: Workcell, carry: Trajectory, rng: np.random.Generator) -> tuple[Weighed, MotionLog]:
-    """Whether what hangs on the arm, which stands still over the place, weighs as much as several workpieces.
+    """Whether the load of the arm, which stands still over the place, weighs as much as several workpieces.
 
-    What leans on the bin or on a neighbour there presses on the wrist too, so whatever seems too heavy is raised along
-    the way it came (`carry`), weighed once more, and lowered again.
+    A workpiece that leans on the bin or on a neighbour also loads the wrist. So a load that seems too heavy is raised
+    along the path of `carry`, weighed again, and lowered.
     """
     if not readings(cell.scenario.wrist, cell.workpiece.mass):
         return Weighed.CANNOT_TELL, MotionLog()
@@ -59,9 +58,10 @@ def count_by_weight(cell: Workcell, carry: Trajectory, rng: np.random.Generator)
 
 
 def _heavy(cell: Workcell, rng: np.random.Generator) -> tuple[bool, MotionLog]:
-    """Measured with the noise of the scenario's wrist sensor, from `rng`; no identities of workpieces enter.
+    """Number of workpieces by weight, with the noise of the scenario's wrist sensor from `rng`; no ground truth is
+    used.
 
-    What seems too heavy or pulls unevenly may swing, which within a moment can double its weight or take half of it.
+    A load that seems too heavy or varies may swing, which can double or halve the momentary weight.
     """
     wrist, mass = cell.scenario.wrist, cell.workpiece.mass
     n = readings(wrist, mass)

@@ -1,4 +1,4 @@
-"""The motion of one pick in the physics: to the grasp, up, over, down, and what to do when something goes wrong.
+"""Execution of one pick in the physics: to the grasp, lift, transfer, place, and recovery after failures.
 
 The grip force is the gripper's (`cell/grippers/*.yaml`); closing and opening are in `cell/physics/grip.py`.
 """
@@ -18,8 +18,8 @@ from pickproof.scenarios.picking.stages import Considered, Evidence, ExecutedPic
 from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.placing.factory import Place
 
-RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than on the way in, where there is room
-REST_LIMIT = 2.0  # [s] the workpieces have to come to rest after the arm has stopped
+RELEASE_EXTRA = (0.024, 0.016, 0.008)  # [m] wider than during the approach, where there is clearance
+REST_LIMIT = 2.0  # [s] in which the workpieces must come to rest after the arm has stopped
 
 
 def execute_pick(
@@ -27,9 +27,9 @@ def execute_pick(
 ) -> ExecutedPick:
     """Execute the pick that was decided on.
 
-    The arm ends where it let the workpiece go, its jaws open, out of the camera's view: the next motion starts there. A
-    hard touch stops the arm, as a controller's collision guard does; it then draws back the way it came, and only where
-    that fails as well is it set back to home by hand.
+    The arm ends where it released the workpiece, with open jaws and outside the camera's view; the next motion starts
+    there. A contact above the force limit stops the arm, as a controller's collision guard does. It then retreats along
+    its path; only if that fails too, it is reset to home, as by an operator.
 
     Args:
         rng: noise of the wrist's force sensor.
@@ -62,7 +62,7 @@ def execute_pick(
 
 
 class _PickRun:
-    """One pick while it is executed; its methods are the steps, its attributes what has been seen so far."""
+    """One pick during execution; its methods are the steps, its attributes the observations so far."""
 
     def __init__(self, cell: Workcell, place: Place, pick: PlannedPick, pictures: AttemptPictures) -> None:
         self._cell, self._place, self._pick, self._pictures = cell, place, pick, pictures
@@ -87,7 +87,7 @@ class _PickRun:
             self._follow(self._way_in, plan.approach.q[plan.cleared :])
 
     def grasp(self) -> None:
-        """Close; where nothing is held, back off."""
+        """Close the gripper; where nothing is held, back off."""
         taken = grip(self._world, self._arm)
         self.closed = taken.parts
         self.log += taken.log
@@ -108,14 +108,14 @@ class _PickRun:
         self._pictures.stage("place")
 
     def weigh(self, rng: np.random.Generator) -> None:
-        """Feel at the wrist whether one workpiece came along."""
+        """Check by the wrist sensor whether exactly one workpiece is held."""
         self.weighed, log = count_by_weight(self._cell, self._pick.plan.carry, rng)
         self.log += log
         if self.log.stopped:
             self.carried = ()
 
     def put_down(self) -> None:
-        """Let one workpiece go and leave the place; several are put back to where they were taken."""
+        """Release one workpiece and leave the place; several are put back to where they were taken."""
         if self.weighed is Weighed.SEVERAL:
             self.carried = ()
             self.log += put_back(self._cell, self._pick)
@@ -127,16 +127,16 @@ class _PickRun:
             opened = release(world, arm, cell.gripper.max_opening)
             self.log += opened.log
         self.released = not opened.parts
-        if len(self._pick.plan.leave.q) > 1:  # else it falls while the next image is taken
+        if len(self._pick.plan.leave.q) > 1:  # otherwise it falls while the next image is taken
             self.log += wait(world, arm, FALL_TIME)
             self._follow(self._way_on, self._pick.plan.leave.q)
 
     def stop_clock(self) -> None:
-        """Robot time counts to here."""
+        """End of the robot time."""
         self._seconds = self._world.time - self._begun
 
     def draw_back(self) -> None:
-        """After a collision back the way it came; set back by hand where that fails."""
+        """Retreat along the path after a collision; reset to home where that fails."""
         plan, way_in, opening = self._pick.plan, np.concatenate(self._way_in), self._opening_before
         if len(way_in) > plan.cleared:  # as `back_off`, only to where it had left the last place
             way_in, opening = way_in[plan.cleared :], self._pick.candidate.opening
@@ -147,9 +147,9 @@ class _PickRun:
             self._arm.reset(self._cell.home)
 
     def evidence(self, before: Snapshot) -> Evidence:
-        """What was seen, once the workpieces have had time to rest."""
+        """The evidence of the pick, after the workpieces have had time to come to rest."""
         if not self._world.run_until_rest(REST_LIMIT):
-            # this attempt's verdict stands; the next sees them still
+            # the outcome of this attempt is kept; the next attempt sees them at rest
             self._world.unanchor(np.flatnonzero(~self._world.at_rest()).tolist())
         return Evidence(
             before=before,
@@ -173,9 +173,9 @@ class _PickRun:
 
 
 def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: Array) -> float:
-    """How far to open at a TCP pose over the place, in [m]: nothing sticks, yet no finger meets what stands there.
+    """Opening [m] for the release at a TCP pose over the place: wide enough to release, without a finger collision.
 
-    A finger that is stopped stops the other, and the workpiece stays in the jaws; fingers that open by a hair drag it.
+    A blocked finger stops the other one, and the workpiece stays in the jaws; too small an opening drags it along.
     """
     for opening in (planned + extra for extra in RELEASE_EXTRA if planned + extra <= cell.gripper.max_opening):
         if place.room(T_world_tool, opening):
@@ -184,6 +184,6 @@ def release_opening(cell: Workcell, place: Place, planned: float, T_world_tool: 
 
 
 def _release_pose(pick: PlannedPick, place: Place) -> Array:
-    """T_world_part (4, 4) of the workpiece where a plan lets it go, with the place as it was when it was planned."""
+    """T_world_part (4, 4) of the workpiece where a plan releases it, with the place at planning time."""
     T_part_tool = pick.candidate.T_part_tool
     return place.tool_poses(T_part_tool, pick.candidate.opening)[pick.plan.place] @ invert(T_part_tool)

@@ -1,7 +1,7 @@
-"""The grasp oracle: a grasp is tried in a second physics before it is chosen; docs/explanation/attribution.md says why.
+"""The grasp oracle: a grasp is tried in a second physics before it is chosen; see docs/explanation/attribution.md.
 
-The second physics holds the bin and the workpieces where they truly lie, and a floating gripper. It is built once
-an episode and the workpieces are put back before each trial, so a trial costs about half a second of one core.
+The second physics holds the bin, the workpieces at their true poses, and a floating gripper. It is built once per
+episode and the workpieces are reset before each trial; a trial takes about 0.5 s on one core.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from pickproof.grasping.candidates import GraspCandidate
 from pickproof.scenarios.config.scenario import Scenario
 
 TRIALS = 10
-"""Candidates tried in one attempt; when none of them holds, the best ranked one is taken as ever."""
+"""Candidates tried in one attempt; if none holds, the best ranked one is used as without the oracle."""
 APPROACH, LIFT = 0.04, 0.12  # [m] of straight line before and after the grasp
 ACCELERATION = 12.0  # [m/s2]
-AWAY = (0.0, 0.0, -5.0)  # [m] where workpieces are kept that do not lie in the bin
+AWAY = (0.0, 0.0, -5.0)  # [m] position of workpieces that are not in the bin
 
 
 class GraspOracle:
     """A second physics of the source bin in which grasps are tried; close it after use.
 
     Attributes:
-        world, arm: of the trial, for whoever wants to watch it.
+        world, arm: of the trial, for recording it.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class GraspOracle:
         self.world.close()
 
     def refuses(self, candidate: GraspCandidate, truth: Snapshot) -> str:
-        """Why a grasp does not bring up exactly one workpiece from where all of them truly lie; empty where it does."""
+        """Why a grasp does not lift exactly one workpiece from the true poses of all; empty where it does."""
         world, arm, T = self.world, self.arm, candidate.T_world_tool
         start = self._joints(T @ make_transform(t=(0.0, 0.0, -APPROACH)))
         arm.reset(start, candidate.opening)
@@ -71,7 +71,7 @@ class GraspOracle:
         return "throws another out of the bin" if gone & inside else ""
 
     def put_back(self, truth: Snapshot) -> set[int]:
-        """Every workpiece to where it truly is, at rest; returns those in the source bin."""
+        """Set every workpiece to its true pose, at rest; returns those in the source bin."""
         world, inside = self.world, set(truth.parts_in(self._source.name))
         for i, T in enumerate(truth.Ts_world_part):
             if i == len(world.parts):

@@ -1,4 +1,4 @@
-"""From estimated poses to ranked candidates: grasp points on every estimate that leave the gripper room.
+"""From estimated poses to ranked candidates: collision-free grasps of every estimate.
 
 The weights of the rank are in `grasping/ranking.py`, its terms in `grasping/estimate_checks.py`; this adds the term of
 motion time.
@@ -16,9 +16,9 @@ from pickproof.scenarios.picking.workcell import Workcell
 
 
 def choose(cell: Workcell, frame: DepthFrame, estimates: Estimates, state: EpisodeState, attempt: int) -> Selection:
-    """Estimates times grasp points, checked for room and ranked; those without a place only where nothing else is free.
+    """All pairs of estimate and grasp pose, checked and ranked; grasps without a place only where no other is free.
 
-    The latter are refused when a plan is asked for, which tells that a regrasp would be needed.
+    The latter are refused in planning, which reports that a regrasp is needed.
     """
     can = state.placeable(cell.grasps)
     selection = _choose(cell, frame, estimates, state, attempt, cell.grasps.placeable(can))

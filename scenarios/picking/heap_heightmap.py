@@ -1,4 +1,4 @@
-"""What the measured depth tells grasping and planning about the source bin."""
+"""Points and height map of the source bin from the measured depth, for grasping and planning."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from pickproof.grasping.clearance import without_workpiece
 from pickproof.robots.collision.scene import HeightField
 from pickproof.scenarios.picking.cell_model import SOURCE, CellModel
 
-BIN_MARGIN = 0.002  # [m] from floor and walls within which a measured point is the bin's
+BIN_MARGIN = 0.002  # [m] from floor and walls within which a measured point belongs to the bin
 GRID = 0.004  # [m] of the height field
 TRUE_SAMPLES = 1500  # of each workpiece's surface
 LONE = 0.008  # [m] of depth within which a neighbouring pixel supports a measurement
 UNDERSIDE_SAMPLES = 3000  # of a workpiece's surface
-SUPPORT = 2  # of eight neighbours that a measurement needs: at edges single pixels fly between near and far
+SUPPORT = 2  # of eight neighbours that a measurement needs: at edges single pixels lie between near and far
 
 
 def scene_points(cell: CellModel, frame: DepthFrame) -> Array:
@@ -70,7 +70,7 @@ def supported(depth, v, u):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """The heap in the source bin as one image shows it.
+    """The heap in the source bin as measured in one image.
 
     Attributes:
         points: (n, 3), see `scene_points`. floor: z under unseen cells in [m].
@@ -98,9 +98,9 @@ class Scan:
         return Scan(points, floor, HeightField(heights, float(low[0]), float(low[1]), GRID))
 
     def without(self, T_world_part: Array, workpiece: Workpiece) -> HeightField:
-        """The heap once the workpiece at an estimated pose is out of it.
+        """The heap without the workpiece at an estimated pose.
 
-        Where it alone was measured the heap is no higher than its underside was.
+        Where only this workpiece was measured, the heap is not higher than its underside.
         """
         field, low = self.field, np.array([self.field.x0, self.field.y0])
         rest = np.full_like(field.heights, self.floor)

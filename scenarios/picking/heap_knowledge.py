@@ -1,4 +1,4 @@
-"""What grasps are checked against: the heap as the camera measured it, or, with the grasp oracle, as it truly lies."""
+"""The heap against which grasps are checked: measured by the camera, or, with the grasp oracle, the true one."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from pickproof.scenarios.picking.heap_heightmap import scene_points, true_points
 from pickproof.scenarios.picking.stages import Estimates
 
 KNOWN_SCORE = 0.7
-"""Estimates from this score on count as bodies for the gripper, by points of their surface."""
+"""Score from which the surface of an estimate counts as an obstacle for the gripper."""
 KNOWN_SPACING, KNOWN_SAMPLES = 0.006, (800, 12_000)  # [m] between such points, and how many there are of one body
 
 
 class HeapKnowledge(Protocol):
-    """What is known of the heap."""
+    """Knowledge about the heap."""
 
     def points(self, cell: CellModel, frame: DepthFrame, estimates: Estimates) -> Array:
-        """Points (n, 3) in the world that the gripper keeps off, the bin's own excluded."""
+        """Points (n, 3) in the world that the gripper must avoid, without those of the bin."""
         ...
 
     def refuses(self, candidate: GraspCandidate) -> str:
@@ -33,17 +33,18 @@ class HeapKnowledge(Protocol):
         ...
 
     def close(self) -> None:
-        """Free what it holds."""
+        """Free the resources."""
         ...
 
 
 class MeasuredHeap:
-    """The heap as the camera measured it and perception understood it."""
+    """The heap from the camera and the estimates of perception."""
 
     def points(self, cell: CellModel, frame: DepthFrame, estimates: Estimates) -> Array:
         """Measured points, and points on the hidden sides of workpieces.
 
-        A workpiece whose pose is believed is known all round; a finger that leans would else land on what it hides.
+        An accepted estimate gives the whole surface of a workpiece; without it a tilted finger could hit its hidden
+        side.
         """
         known = estimates.Ts_world_part[estimates.scores >= KNOWN_SCORE]
         samples = int(np.clip(cell.workpiece.mesh.area / KNOWN_SPACING**2, *KNOWN_SAMPLES))
@@ -52,7 +53,7 @@ class MeasuredHeap:
         return np.concatenate([scene_points(cell, frame), hidden])
 
     def refuses(self, candidate: GraspCandidate) -> str:
-        """Nothing: what would hold is not known."""
+        """Always empty: whether a grasp holds is not known."""
         return ""
 
     def close(self) -> None:
@@ -71,7 +72,7 @@ class TrueHeap:
         return true_points(cell, self._observe())
 
     def refuses(self, candidate: GraspCandidate) -> str:
-        """What the second physics said of the grasp."""
+        """The result of the trial in the second physics."""
         return self._oracle.refuses(candidate, self._observe())
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The motion oracle: a floating gripper moves, so nothing but the gripper itself can be in the way.
+"""The motion oracle: a floating gripper moves, so only the gripper itself can collide.
 
 No reach, no joint limits, no singularities, no arm that collides; docs/explanation/attribution.md says what is left.
 """
@@ -21,14 +21,14 @@ from pickproof.scenarios.picking.cell_model import CellModel
 from pickproof.scenarios.picking.episode_state import EpisodeState
 from pickproof.scenarios.picking.heap_heightmap import scene_points
 
-OVER = 0.05  # [m] between the rims and the lowest that a held workpiece can hang
+OVER = 0.05  # [m] between the rims and the lowest point of a held workpiece
 LONGEST = 0.4  # [m] of straight line to a grasp
 SAMPLES = 10  # of that line at which the gripper must be free
 RAISING = 2.0  # [m/s2]
 
 
 class FloatingPlanner:
-    """Plans picks on straight lines, or tells what the gripper itself would touch.
+    """Plans picks on straight lines, or returns the collision of the gripper itself.
 
     In along the tool's own axis from above the rims, straight up, over, and straight down to the first place pose at
     which the open gripper clears the place bin.
@@ -41,7 +41,7 @@ class FloatingPlanner:
         self.planned = 0
 
     def __call__(self, candidate: GraspCandidate) -> PickPlan | PlanFailure:
-        """The pick of a candidate, or what the gripper would touch."""
+        """The pick of a candidate, or the collision of the gripper."""
         self.planned += 1
         line = _way_in(candidate.T_world_tool, self._height, candidate.point.approach_distance)
         if self._blocked(candidate, line):

@@ -1,4 +1,4 @@
-"""The rank's term of motion time: how long the arm takes to a grasp from where it waits."""
+"""The rank's term of motion time: time of the arm from its waiting pose to a grasp."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ LONGEST = 1.0  # [s] that are as bad as out of reach
 def with_motion(
     selection: Selection, robot: RobotModel, q_start: Array, T_flange_tool: Array, weights: GraspingConfig
 ) -> Selection:
-    """The selection ranked anew with the term `motion`: 1 for no way at all, 0 for LONGEST or out of reach.
+    """The selection ranked again with the term `motion`: 1 for no motion at all, 0 for LONGEST or out of reach.
 
-    The time is the lower bound of any motion from q_start (6,) [rad], which tells a grasp from its like with the jaws
-    turned by half a turn; planning comes later.
+    The time is the lower bound of any motion from q_start (6,) [rad]. It distinguishes a grasp from the same one with
+    the jaws rotated by 180 degrees; planning follows later.
     """
     if not selection.candidates:
         return selection

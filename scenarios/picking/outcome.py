@@ -32,15 +32,15 @@ class PoseError:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an attempt.
+    """Outcome of an attempt.
 
     Attributes:
         reason: why it failed or the arm did not move; empty for a success.
         after: the workpieces at its end.
         evidence: of the executed pick, None for a no-pick.
         pose_error: of the chosen estimate against the nearest workpiece, None for a no-pick.
-        place_error: of what was carried to the place bin against where it was to be let go, horizontally and in
-            rotation; None of others.
+        place_error: of a workpiece carried to the place bin against its planned release pose, horizontally and in
+            rotation; else None.
     """
 
     reason: Reason | Literal[""]
@@ -51,7 +51,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """Whether nothing was wrong with the pick."""
+        """Whether the pick is a success."""
         return self.reason == ""
 
 

@@ -1,4 +1,4 @@
-"""The story of one pick: capture, perceive, choose, decide, execute, judge, remember, record."""
+"""The steps of one pick: capture, perceive, choose, decide, execute, judge, remember, record."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import AttemptRecord
 
 PICTURED = 2
-"""Attempts of an episode that are pictured at every stage; failures are pictured anyway, after the fact."""
+"""Number of attempts of an episode with pictures of every stage; failures always get pictures at the end."""
 SENSING_STREAM, WRIST_STREAM = 1, 2
-"""Of the random numbers of an attempt: for the camera and all that follows from it, and for the wrist's sensor."""
+"""Random streams of an attempt: one for the camera and the steps after it, one for the wrist sensor."""
 Perceive = Callable[[Workcell, DepthFrame, np.ndarray, np.random.Generator], Estimates]
 """Frame and true instance ids to estimates: PS6D, a search, or the perception oracle, which alone reads the ids."""
 

@@ -1,4 +1,4 @@
-"""What was put into the place bin, as heights that the arm keeps off: believed, not measured."""
+"""Heights of the placed workpieces, which the arm avoids: computed from the releases, not measured."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pickproof.robots.collision.scene import HeightField
 from pickproof.scenarios.picking.heap_heightmap import raise_to
 
 SAMPLES = 3000  # of a workpiece's surface
-FINEST, CELLS = 0.004, 160  # [m] edge of a cell at least; cells along the longer side at most
+FINEST, CELLS = 0.004, 160  # [m] smallest edge of a cell; largest number of cells along the longer side
 
 
 @dataclass
 class Placed:
-    """Workpieces that were released over the place bin, each as it lay in the hand, lower by its fall.
+    """Workpieces released over the place bin, each in its pose in the gripper, lower by its fall.
 
     Attributes:
         bin: the place bin. surfaces: points (n, 3) in the world on every workpiece, in the order of placing.
@@ -29,12 +29,12 @@ class Placed:
     surfaces: list[Array] = field(default_factory=list)
 
     def add(self, T_world_part: Array, fall: float) -> None:
-        """One was released at T_world_part (4, 4) and falls straight down by `fall` [m]."""
+        """Add a workpiece released at T_world_part (4, 4) that falls straight down by `fall` [m]."""
         surface = self.workpiece.sample_surface(SAMPLES, seed=7)[0]
         self.surfaces.append(apply(make_transform(t=(0.0, 0.0, -fall)) @ T_world_part, surface))
 
     def heights(self, last: bool = True) -> HeightField | None:
-        """Ground of what was placed; with `last` false without the one that still lies between the fingers."""
+        """Ground of the placed workpieces; without the one still between the fingers if `last` is false."""
         surfaces = self.surfaces if last else self.surfaces[:-1]
         if not surfaces:
             return None
@@ -42,7 +42,7 @@ class Placed:
         half = np.abs(T_world_bin[:2, :2]) @ (lx / 2, ly / 2)
         low, step = T_world_bin[:2, 3] - half, max(FINEST, 2 * float(half.max()) / CELLS)
         nx, ny = np.maximum((2 * half / step).astype(int) + 1, 2)
-        heights = np.full((ny, nx), T_world_bin[2, 3] - step)  # under the floor, which is there anyway
+        heights = np.full((ny, nx), T_world_bin[2, 3] - step)  # below the floor, which is a separate obstacle
         for points in surfaces:
             raise_to(heights, points, low, step)
         return HeightField(heights, float(low[0]), float(low[1]), step)

@@ -1,4 +1,4 @@
-"""From ranked candidates to one with a whole motion, or the reason why the arm does not move."""
+"""Choice of the first ranked candidate with a whole motion, or the reason why the arm does not move."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from pickproof.scenarios.picking.workcell import Workcell
 from pickproof.scenarios.results.records import Reason
 
 PLANS_TRIED = 60
-"""Candidates for which a whole motion is planned before giving up."""
+"""Largest number of candidates for which a whole motion is planned."""
 PLANS_ELSEWHERE = 8
-"""Of those that could be gripped, but not brought to any place tried: planned again to each further set of places."""
+"""Candidates that can be gripped but not placed at the tried places: planned again to each further set of places."""
 PLANS_A_ROUND = 4
-"""Plans for one workpiece before the others get their turn: where the arm cannot go, the next grasp rarely helps."""
+"""Plans for one workpiece before other workpieces follow: after a failure, its next grasp rarely succeeds."""
 
 
 def decide(cell: Workcell, frame: DepthFrame, selection: Selection, state: EpisodeState, seed: int) -> Decision:
@@ -73,7 +73,7 @@ class _PlanSearch:
 
     def _plan(self, candidate: GraspCandidate) -> PlannedPick | PlanFailure | RuledOut:
         if not self._state.place.placeable(candidate.T_part_tool[None])[0]:
-            return RuledOut(Verdict.NO_PLACE, "held so it cannot be put down as wanted")
+            return RuledOut(Verdict.NO_PLACE, "it cannot be placed as required from this grasp")
         plan = self._planner(candidate)
         return PlannedPick(candidate, plan) if isinstance(plan, PickPlan) else plan
 

@@ -1,4 +1,4 @@
-"""Keeps attempts to look at again: watches the cell while they run, and writes those that are worth keeping."""
+"""Records attempts for replay: samples the cell while they run, and writes the selected ones."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pickproof.scenarios.results.replay_file import Artefact, Motion, matrices_t
 from pickproof.scenarios.results.replay_selection import Keep
 
 EVERY = 10
-"""Of an episode's successes the first, the eleventh, ... are kept beside its failures and no-picks."""
+"""Every 10th success of an episode, from the first, is stored besides its failures and no-picks."""
 PERIOD = 0.02  # [s] between two frames
 
 
 class AttemptRecorder(Protocol):
-    """What watches an attempt: `start` before it, `stop` after it."""
+    """Interface of a recorder: `start` before an attempt, `stop` after it."""
 
     def start(self) -> None:
         """Begin an attempt."""
@@ -51,7 +51,7 @@ def recorder_of(cell: Workcell, keep: Keep | None) -> AttemptRecorder:
 
 
 class Recorder:
-    """Watches one cell from fill to end, and writes the attempts that are worth keeping."""
+    """Records one cell from fill to end, and writes the selected attempts."""
 
     def __init__(self, cell: Workcell, keep: Keep) -> None:
         self._cell, self._keep = cell, keep
@@ -67,7 +67,7 @@ class Recorder:
         self._watch()
 
     def stop(self, record: AttemptRecord, considered: Considered) -> None:
-        """End an attempt, and write it if it is one to keep.
+        """End an attempt, and write it if it is selected.
 
         Raises:
             StoreError: it cannot be written.
@@ -103,7 +103,7 @@ class Recorder:
 
     def _watch(self) -> None:
         world, arm = self._cell.world, self._cell.arm
-        self._steps += 1  # World.time stands still while several steps are asked for at once
+        self._steps += 1  # World.time does not advance during a call of several steps
         time = self._steps * world.dt
         if time < self._next - world.dt / 2:
             return

@@ -1,4 +1,4 @@
-"""Ways back from a pick that is given up, along the ways that were free a moment ago, and out of a collision."""
+"""Recovery: retreat from an aborted pick along paths that were free just before, and out of a collision."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from pickproof.grasping.candidates import GraspCandidate
 from pickproof.scenarios.picking.stages import PlannedPick
 from pickproof.scenarios.picking.workcell import Workcell
 
-FALL_TIME = 0.1  # [s] for what was held to leave the gripper
-RETREAT_SPEED = 0.2  # of the speed at which the arm came
-COMING_LOOSE = 0.15  # [s] of the way in within which the arm may still press on what it hit
+FALL_TIME = 0.1  # [s] for the held workpiece to leave the gripper
+RETREAT_SPEED = 0.2  # share of the speed of the arrival
+COMING_LOOSE = 0.15  # [s] of the path in which the arm may still press on the obstacle
 
 
 def back_off(cell: Workcell, pick: PlannedPick) -> MotionLog:
-    """From the grasp back to where the hand had left the last place, the gripper released.
+    """From the grasp back to where the gripper had left the last place, with the gripper released.
 
-    Not down to where it waited: what it let go there has moved since, and may lie under the fingers.
+    It does not descend to its waiting pose: the workpiece released there has moved and may be under the fingers.
     """
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
     log = release(world, arm, pick.candidate.opening).log + wait(world, arm, FALL_TIME)
@@ -27,7 +27,7 @@ def back_off(cell: Workcell, pick: PlannedPick) -> MotionLog:
 
 
 def put_back(cell: Workcell, pick: PlannedPick) -> MotionLog:
-    """From the place with what is held to where it was taken, let it go, and `back_off`."""
+    """From the place back to where the workpiece was taken; release it there, and `back_off`."""
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
     log = execute(world, arm, pick.plan.carry.q[::-1], stop_above=limit)
     if not log.stopped:
@@ -36,9 +36,9 @@ def put_back(cell: Workcell, pick: PlannedPick) -> MotionLog:
 
 
 def recover(cell: Workcell, candidate: GraspCandidate, way_in: Array, way_on: Array, opening: float) -> MotionLog:
-    """Out of a collision that stopped the arm: slowly back the way it came, to where `way_in` begins.
+    """Out of a collision that stopped the arm: slowly back along its path, to the start of `way_in`.
 
-    At first the arm may still press on what it hit. What the gripper holds is let go where it was taken.
+    At first the arm may still press on the obstacle. A held workpiece is released where it was taken.
 
     Args:
         way_in: (n, 6) joint vectors that were commanded on the way to the grasp; way_on: (m, 6) those after it, none
@@ -46,7 +46,7 @@ def recover(cell: Workcell, candidate: GraspCandidate, way_in: Array, way_on: Ar
         opening: of the jaws there, in [m].
 
     Returns:
-        A log of the way back alone; `stopped` where the arm did not come back.
+        A log of the retreat only; `stopped` where the arm did not get back.
     """
     world, arm, limit = cell.world, cell.arm, cell.scenario.limits.contact_force_N
     loose = round(COMING_LOOSE / world.dt)

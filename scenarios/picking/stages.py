@@ -1,4 +1,4 @@
-"""What the stages of a pick hand on to each other; all of it is frozen."""
+"""Frozen results that the stages of a pick pass on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pickproof.scenarios.results.records import Reason
 
 @dataclass(frozen=True)
 class Estimates:
-    """What perception hands to grasping, best first.
+    """Estimates of perception, best first.
 
     Attributes:
         Ts_world_part: (k, 4, 4).
@@ -35,7 +35,7 @@ class Estimates:
 
 @dataclass(frozen=True)
 class RuledOut:
-    """A grasp that was ruled out for another reason than its motion, and why."""
+    """A grasp that was ruled out for a reason other than its motion, and the reason."""
 
     verdict: Verdict
     why: str
@@ -54,12 +54,12 @@ class PlannedPick:
 
 @dataclass(frozen=True)
 class Decision:
-    """What to do: a planned pick, or the reason why the arm does not move.
+    """The decision: a planned pick, or the reason why the arm does not move.
 
     Attributes:
         pick: None for a no-pick.
         reason: of a no-pick, else empty.
-        refused: index of a candidate in the selection -> why it was ruled out when its turn came.
+        refused: index of a candidate in the selection -> why planning ruled it out.
     """
 
     pick: PlannedPick | None
@@ -88,7 +88,7 @@ class ComputeTimes:
 
 @dataclass(frozen=True)
 class Considered:
-    """All that was known and considered before the arm moves.
+    """All data and decisions before the arm moves.
 
     Attributes:
         before: ground truth when the image was taken, for scoring.
@@ -103,7 +103,7 @@ class Considered:
 
 
 class Weighed(StrEnum):
-    """How many workpieces the wrist's force sensor says came along."""
+    """Number of held workpieces by the wrist's force sensor."""
 
     ONE = "one"
     SEVERAL = "several"
@@ -112,7 +112,7 @@ class Weighed(StrEnum):
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the physics showed of one executed pick.
+    """Observations in the physics during one executed pick.
 
     Attributes:
         before, after: the workpieces before the arm moved, and after it stopped and they had time to rest.
@@ -121,10 +121,10 @@ class Evidence:
         released: nothing was held after opening.
         log: of all motions. seconds: simulated time of the attempt.
         pose_ok: the chosen estimate is within tolerance of a workpiece.
-        put_back: what came up weighed as much as several, and was let go where it had been.
-        set_back: the arm was stopped, could not draw back by itself, and was set back to home by hand.
-        in_tolerance: what was carried rests where it was to be let go, as closely as the scenario asks.
-        weighed: how many workpieces the wrist says came along; None where nothing was carried to the place.
+        put_back: the load weighed as much as several workpieces and was released where it was taken.
+        set_back: the arm was stopped, could not retreat by itself, and was reset to home.
+        in_tolerance: the carried workpiece rests within the scenario's tolerance of its release pose.
+        weighed: number of workpieces by the wrist sensor; None where nothing was carried to the place.
     """
 
     before: Snapshot
@@ -144,11 +144,11 @@ class Evidence:
 
 @dataclass(frozen=True)
 class ExecutedPick:
-    """A pick that was executed, with what it was meant to do and what was seen.
+    """An executed pick: its targets and the observations.
 
     Attributes:
-        T_world_estimate: (4, 4) estimated pose of the workpiece that was wanted.
-        T_world_release: (4, 4) pose of it where it was to be let go.
+        T_world_estimate: (4, 4) estimated pose of the target workpiece.
+        T_world_release: (4, 4) its planned release pose.
     """
 
     pick: PlannedPick

@@ -1,6 +1,6 @@
-"""The cell of a scenario, built anew for every episode: everything a pick needs, in one place.
+"""The cell of a scenario, built again for every episode: all that a pick needs, in one place.
 
-Here, and nowhere else, it is settled which parts of the cell an oracle replaces.
+Only this module decides which parts of the cell an oracle replaces.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Workcell(CellModel):
     """A filled bin under a camera and an arm: the known parts of the cell, and the physics.
 
     Attributes:
-        carrier: what carries the gripper: the arm, or the floating gripper of the motion oracle.
-        heap: what grasps are checked against: the measured heap, or the true one of the grasp oracle.
+        carrier: of the gripper: the arm, or the floating gripper of the motion oracle.
+        heap: against which grasps are checked: the measured one, or the true one of the grasp oracle.
         arm: the carrier's body in the physics, with the gripper.
         dropped: workpieces that were dropped and lie in the source bin.
         pictures: whether attempts keep pictures.
@@ -57,7 +57,7 @@ class Workcell(CellModel):
     def build(scenario: Scenario, seed: int, pictures: bool = False, oracle: frozenset[str] = frozenset()) -> Workcell:
         """Build the cell and fill the source bin in the order that `seed` gives.
 
-        Now and then a workpiece keeps rocking; such a fill is thrown away and the next one of the seed is taken.
+        If a workpiece does not come to rest, the fill is discarded and the next one of the seed is used.
 
         Args:
             oracle: stages that ground truth replaces; `motion` and `grasp` are of the cell, `perception` is not.
@@ -163,7 +163,7 @@ def table_of(scenario: Scenario) -> Path | None:
 
 
 def check_payload(scenario: Scenario, robot: RobotModel, gripper: Gripper, workpiece: Workpiece) -> None:
-    """Whether the arm may carry gripper and workpiece at all.
+    """Check that the arm may carry gripper and workpiece.
 
     Raises:
         InputError: they weigh more than the robot's payload.
@@ -171,5 +171,5 @@ def check_payload(scenario: Scenario, robot: RobotModel, gripper: Gripper, workp
     load = Load(gripper.mass, gripper.centre) + Load(workpiece.mass, workpiece.com)
     if overload(robot, load):
         value = f"{workpiece.name}, {workpiece.mass:.2f} kg, with {gripper.name}, {gripper.mass:.2f} kg"
-        valid = f"{robot.payload:.1f} kg in all at most, the payload of {robot.name}"
+        valid = f"at most {robot.payload:.1f} kg in total, the payload of {robot.name}"
         raise InputError(f"scenario {scenario.name}", "workpiece", value, valid)

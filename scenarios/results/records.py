@@ -49,7 +49,7 @@ MEANING = {
     Reason.ALL_GRASPS_BLOCKED: "no grasp left room for the gripper",
     Reason.NO_PLACE: "no free grasp allows the wanted place; it takes a regrasp",
     Reason.UNREACHABLE: "no free grasp was within the arm's reach",
-    Reason.NO_PATH: "no motion without collision was found",
+    Reason.NO_PATH: "no collision-free motion was found",
     Reason.COLLISION: "arm or gripper touched something too hard",
     Reason.MISSED: "the gripper closed on nothing",
     Reason.SLIPPED: "lost while lifting",

@@ -295,7 +295,7 @@ def test_bad_files(tmp_path: Path, bracket: Workpiece, gripper: Gripper) -> None
     with pytest.raises(InputError, match=r"gripper: 'suction_v9'.*jaw_v1"):
         load_grasps(mine, gripper)
     write(tmp_path, [PLAIN, PLAIN])
-    with pytest.raises(InputError, match=r"grasps\.1\.name: 'g'.*a name of its own"):
+    with pytest.raises(InputError, match=r"grasps\.1\.name: 'g'.*a name that no other grasp point has"):
         load_grasps(mine, gripper)
     write(tmp_path, [])
     with pytest.raises(InputError, match=r"grasps.*at least 1"):

@@ -62,7 +62,7 @@ def test_full_speed_moves_keep_the_torque_limits_with_the_payload(name: str) -> 
 def test_the_payload_is_checked() -> None:
     robot = load_robot("lrmate200id")
     assert overload(robot, Load(7.0, np.zeros(3))) == ""
-    assert overload(robot, Load(7.5, np.zeros(3))) == "7.5 kg is more than the payload of 7.0 kg"
+    assert overload(robot, Load(7.5, np.zeros(3))) == "7.5 kg exceeds the payload of 7.0 kg"
 
 
 def test_what_the_arm_may_not_carry_is_one_line_before_anything_moves() -> None:
@@ -75,4 +75,4 @@ def test_what_the_arm_may_not_carry_is_one_line_before_anything_moves() -> None:
         check_payload(scenario, weak, gripper, shaft)
     assert str(told.value).count("\n") == 0
     assert told.value.field == "workpiece" and "gear_shaft, 3.89 kg" in str(told.value.value)
-    assert told.value.valid == "5.0 kg in all at most, the payload of lrmate200id"
+    assert told.value.valid == "at most 5.0 kg in total, the payload of lrmate200id"

@@ -55,7 +55,7 @@ def test_hash_is_that_of_the_effective_scenario_without_its_seed(tmp_path):
         ("name: a\nworkpiece: bracket\nsource_bin: {inner: [1, 1, -1], position: [0, 0, 0]}\n", ["source_bin"]),
         ("name: [\n", ["line", "YAML"]),
         ("name: a\nworkpiece: bracket\ncount: 10:30\n", ["count", "'10:30'"]),  # 630 in YAML 1.1
-        ("name: a\nworkpiece: bracket\ncount: 8\ncount: 9\n", ["line 4", "came before"]),
+        ("name: a\nworkpiece: bracket\ncount: 8\ncount: 9\n", ["line 4", "each field once"]),
         ("- a\n", ["mapping"]),
     ],
 )

@@ -159,7 +159,7 @@ def test_shipped_tables_come_back_to_the_letter(name: str, tmp_path: Path) -> No
         (0, {"width": -1.0}, "width"),
         (0, {"opening": 0.001}, "opening"),
         (0, {"opening": 0.2}, "at most 0.06"),
-        (0, {"name": "second"}, "a name of its own"),
+        (0, {"name": "second"}, "a name that no other grasp point has"),
         (0, {"closing": [0, 0, 1]}, "right angles"),
         (0, {"name": ""}, "name"),
     ],

@@ -58,7 +58,7 @@ def test_a_drag_is_judged_while_it_lasts_and_is_one_change_when_it_ends(editor: 
     begun = editor.document.text
     T = frame_of(editor.document.points[0])
     editor._dragged(T @ make_transform(t=(0.006, 0.0, 0.0)), "start")
-    soon(lambda: "would go into the part" in editor._panel._verdict.content)
+    soon(lambda: "would penetrate the part" in editor._panel._verdict.content)
     assert editor.document.text == begun
     editor._dragged(T @ make_transform(t=(0.0, 0.004, 0.0)), "end")
     soon(lambda: editor.document.text != begun)
@@ -111,7 +111,7 @@ def test_a_broken_file_is_shown_and_its_mending_noticed(table: Path) -> None:
     table.write_text("gripper: [")
     built = GraspEditor(BRACKET, JAW, table, port=0)
     try:
-        assert "cannot be edited" in shown(built) and "syntax error" in shown(built)
+        assert "cannot be edited" in shown(built) and "valid YAML" in shown(built)
         built.act("add")
         built.act("save")
         assert table.read_text() == "gripper: ["
@@ -126,7 +126,7 @@ def broken_while_edited(editor: GraspEditor, table: Path) -> tuple[str, str]:
     """The file's text before another program broke it, and what is being edited in the page since."""
     whole = table.read_text()
     table.write_text("gripper: [")
-    soon(lambda: "syntax error stands there). Mend it" in shown(editor))
+    soon(lambda: "correct the syntax there. Mend it" in shown(editor))
     editor.act("on / off")
     return whole, editor.document.text
 
@@ -307,7 +307,9 @@ def test_open_move_try_save_reopen_in_a_browser(editor: GraspEditor, table: Path
     comments = [line.partition("#")[2] for line in table.read_text().splitlines() if "#" in line]
     with Browser(tmp_path, 800, 600) as browser:
         browser.open(editor.url)
-        browser.until("document.body.innerText.includes('of its 234 poses 234 leave the gripper room')", PATIENCE)
+        browser.until(
+            "document.body.innerText.includes('234 of its 234 poses are free of collisions with the part')", PATIENCE
+        )
         browser.picture(tmp_path / "page.png")  # once it is drawn, the mouse finds something
         drag_handle(browser, editor, 1)
         soon(lambda: editor.document.changed)

@@ -72,8 +72,8 @@ def test_every_fault_is_named() -> None:
     judge = GraspJudge(block(), JAW)
     cases = {
         "closing pushes the part by 3.0 mm": across(centre=(0, 0.003, 0.01), opening=0.03),
-        "would go into the part": across(centre=(0, 0.005, 0.01)),
-        "a pad closes on nothing": across(centre=(0.1, 0, 0.01)),
+        "would penetrate the part": across(centre=(0, 0.005, 0.01)),
+        "a pad does not meet the part": across(centre=(0.1, 0, 0.01)),
         "wide here, not 15.0 mm": across(width=0.015, opening=0.03),
         "of face under a pad": across(centre=(0.0345, 0, 0.01)),
     }

@@ -41,6 +41,10 @@ SIZES = (1e-3, 5.0)
 MESHES = ("stl", "obj", "ply", "glb")
 READABLE = "a readable STL, OBJ, PLY or GLB file"
 UNIT_GIRTHS = 1.4
+Process = Literal["machined", "bent", "printed", "cast"]
+FORM_TOLERANCES: dict[Process, float] = {"machined": 0.0, "bent": 2e-4, "printed": 2e-4, "cast": 3e-4}
+"""[m] that a real part deviates from its CAD, as a standard deviation over its surface; a machined one by less than any
+camera here can tell."""
 
 
 class SymmetryConfig(Config):
@@ -79,6 +83,10 @@ class WorkpieceConfig(Config):
     collision_hulls: str | None = Field(None, description="OBJ file in mesh_unit; its objects are convex pieces")
     heap: HeapConfig = Field(description="heaps of training and evaluation")
     tolerance: Fine = Field(0.005, gt=0, description="T_e of the paper in [m]")
+    process: Process = Field("machined", description="how the part is made; gives the default of form_tolerance")
+    form_tolerance: Fine | None = Field(
+        None, description="[m] standard deviation of the real surface from the CAD; none: that of the process"
+    )
 
 
 @dataclass(frozen=True)
@@ -93,6 +101,7 @@ class Workpiece:
         tolerance: T_e, the distance under which an estimate counts as right.
         magnetic: a magnet holds it.
         rolling_friction: [m] lever of the normal force that resists rolling.
+        form_tolerance: [m] standard deviation of the real surface from the CAD.
     """
 
     name: str
@@ -112,6 +121,7 @@ class Workpiece:
     tolerance: float
     magnetic: bool = False
     rolling_friction: float = 0.0
+    form_tolerance: float = 0.0
 
     @property
     def extents(self) -> Array:
@@ -211,6 +221,7 @@ def _load(folder: Path) -> Workpiece:
         tolerance=config.tolerance,
         magnetic=config.magnetic,
         rolling_friction=config.rolling_friction,
+        form_tolerance=FORM_TOLERANCES[config.process] if config.form_tolerance is None else config.form_tolerance,
     )
 
 

@@ -167,6 +167,7 @@ def _forward(perception: Perception, seen: list[HeapFrame], rng: np.random.Gener
     large = [level0 for level0 in sampled if len(level0.points) >= FORWARD_POINTS]
     if not sampled:
         return None
+    assert perception.network is not None  # stages are those of shipped weights
     level0 = large[0] if large else max(sampled, key=lambda level0: len(level0.points))
     packed = pack([build_levels(level0, rng, top_neighbours(workpiece))])
     times = []

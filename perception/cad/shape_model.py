@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +56,7 @@ class ShapeModel:
             across it, outward and square to the view.
         thickness: diameter of the largest ball inside the part.
         seen_area: (w,) area of the part's outline in each view.
+        form_tolerance: standard deviation of a real part's surface from the CAD.
     """
 
     unit: float
@@ -73,6 +75,7 @@ class ShapeModel:
     rim_outward: Tensor
     thickness: float
     seen_area: Tensor
+    form_tolerance: float = 0.0
 
     @staticmethod
     def of(workpiece: Workpiece) -> ShapeModel:
@@ -88,6 +91,10 @@ class ShapeModel:
     def length(self) -> float:
         """Extent along the long axis."""
         return float(np.ptp(self.points @ self.long_axis))
+
+    def deviation(self, sigma: float) -> float:
+        """Standard deviation [m] of a measured depth from the CAD, given that of the camera, `sigma` [m]."""
+        return math.hypot(sigma, self.form_tolerance * self.unit) if self.form_tolerance > 0 else sigma
 
     @property
     def slender(self) -> bool:
@@ -131,7 +138,8 @@ class _Key:
 
     def __init__(self, workpiece: Workpiece) -> None:
         self.workpiece = workpiece
-        self.key = (workpiece.vertices.tobytes(), workpiece.faces.tobytes(), workpiece.symmetry.degrees)
+        mesh = workpiece.vertices.tobytes(), workpiece.faces.tobytes()
+        self.key = (*mesh, workpiece.symmetry.degrees, workpiece.form_tolerance)
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -170,6 +178,7 @@ def _build(key: _Key) -> ShapeModel:
         rim_outward=rim_outward,
         thickness=2.0 * float(-nodes.min()),
         seen_area=area,
+        form_tolerance=workpiece.form_tolerance / unit,
     )
 
 

@@ -102,7 +102,7 @@ def measured_surface(
     """The depth image as points and normals, in units; `roi` (h, w) bool limits where workpieces may be."""
     sigma = frame.sigma if config.depth_sigma is None else config.depth_sigma
     with torch.inference_mode():
-        return SurfaceMap.of(frame, shape.unit, sigma, roi)
+        return SurfaceMap.of(frame, shape.unit, shape.deviation(sigma), roi)
 
 
 def register_and_verify(

@@ -15,9 +15,10 @@ from pickproof.perception.refinement.config import VerifyConfig
 class SearchConfig(Config):
     """Lengths in units, `Workpiece.unit`."""
 
-    spacing: float = Field(0.12, gt=0, description="of the CAD samples that may lie at a seed")
-    least_samples: int = Field(70, ge=1, description="CAD samples over the whole surface; less spacing where fewer")
-    turns: int = Field(16, ge=4, description="turns about the normal; more where samples are denser or parts longer")
+    spacing: float = Field(0.10, gt=0, description="of the CAD samples that may lie at a seed")
+    least_samples: int = Field(100, ge=1, description="CAD samples over the whole surface; less spacing where fewer")
+    turns: int = Field(18, ge=4, description="turns about the normal; more where samples are denser or parts longer")
+    turns_per_length: int = Field(16, ge=4, description="turns for each unit of a long part's length")
     most_turns: int = Field(64, ge=4, description="the same on the finest and longest shapes")
     voxel: float = Field(0.15, gt=0, description="one seed is taken in each voxel of this size")
     least_seeds: int = Field(450, ge=1, description="smaller voxels where a frame gives fewer seeds")
@@ -54,5 +55,5 @@ class Density:
         area = float(workpiece.mesh.area) / workpiece.unit**2
         spacing = min(config.spacing, math.sqrt(area / config.least_samples))
         length = float(workpiece.extents.max()) / workpiece.unit  # a turn moves the ends of a long part farther
-        turns = round(config.turns * max(config.spacing / spacing, length))
+        turns = round(max(config.turns * config.spacing / spacing, config.turns_per_length * length))
         return Density(spacing, min(turns, config.most_turns))

@@ -42,23 +42,28 @@ def best_poses(  # type: ignore[no-untyped-def]
         px, py, pz = points[i]
         far = np.sqrt(px * px + py * py + pz * pz)
         cx, cy, cz = -px / far, -py / far, -pz / far
+        # the direction to the camera in the seed's frame: a turn needs no more of it to be given up
+        b0 = frames[i, 0, 0] * cx + frames[i, 1, 0] * cy + frames[i, 2, 0] * cz
+        b1 = frames[i, 0, 1] * cx + frames[i, 1, 1] * cy + frames[i, 2, 1] * cz
+        b2 = frames[i, 0, 2] * cx + frames[i, 1, 2] * cy + frames[i, 2, 2] * cz
         for j in range(len(samples)):
-            qx, qy, qz = samples[j]
+            qx, qy, qz = samples[j, 0], samples[j, 1], samples[j, 2]
+            A = sample_frames[j]
             for a in range(len(turns)):
                 c, s = turns[a, 0], turns[a, 1]
-                for x in range(3):
-                    b0 = frames[i, x, 0] * c + frames[i, x, 1] * s
-                    b1 = frames[i, x, 1] * c - frames[i, x, 0] * s
-                    b2 = frames[i, x, 2]
-                    for y in range(3):
-                        A = sample_frames[j, y]
-                        R[x, y] = b0 * A[0] + b1 * A[1] + b2 * A[2]
-                dx = R[0, 0] * cx + R[1, 0] * cy + R[2, 0] * cz
-                dy = R[0, 1] * cx + R[1, 1] * cy + R[2, 1] * cz
-                dz = R[0, 2] * cx + R[1, 2] * cy + R[2, 2] * cz
+                d0, d1 = b0 * c + b1 * s, b1 * c - b0 * s
+                dx = A[0, 0] * d0 + A[0, 1] * d1 + A[0, 2] * b2
+                dy = A[1, 0] * d0 + A[1, 1] * d1 + A[1, 2] * b2
+                dz = A[2, 0] * d0 + A[2, 1] * d1 + A[2, 2] * b2
                 view = view_at[_cell(dx, dy, dz, cells)]
                 if not seen[view, j]:
                     continue
+                for x in range(3):
+                    t0 = frames[i, x, 0] * c + frames[i, x, 1] * s
+                    t1 = frames[i, x, 1] * c - frames[i, x, 0] * s
+                    t2 = frames[i, x, 2]
+                    for y in range(3):
+                        R[x, y] = t0 * A[y, 0] + t1 * A[y, 1] + t2 * A[y, 2]
                 tx = px - (R[0, 0] * qx + R[0, 1] * qy + R[0, 2] * qz)
                 ty = py - (R[1, 0] * qx + R[1, 1] * qy + R[1, 2] * qz)
                 tz = pz - (R[2, 0] * qx + R[2, 1] * qy + R[2, 2] * qz)

@@ -62,7 +62,7 @@ class Search:
         """
         clock = StageClock()
         sigma = frame.sigma if self.config.depth_sigma is None else self.config.depth_sigma
-        surface = SurfaceMap.of(frame, self.shape.unit, sigma, region)
+        surface = SurfaceMap.of(frame, self.shape.unit, self.shape.deviation(sigma), region)
         pixels = SeedPixels(surface)
         points = pixels.one_a_voxel(self.config.vote_voxel, rng)
         seeds = pixels.one_a_voxel(self.config.voxel, rng, self.config.least_seeds, self.candidates.most_seeds)

@@ -18,7 +18,6 @@ from pickproof.perception.refinement.rivalry import rivalry, suppress
 from pickproof.perception.search.config import SearchConfig
 from pickproof.perception.search.coverage import kept_by_points, poses_at
 from pickproof.perception.search.decision import Decisions, features_of, with_votes
-from pickproof.perception.search.near_misses import NearMisses
 from pickproof.perception.search.outside import outside
 from pickproof.perception.search.poses import Poses
 from pickproof.perception.search.scene import Scene
@@ -92,8 +91,7 @@ class Settling:
         evidence = examine(R, t, surface, self.shape, rules, scene.votes, every)
         beyond = outside(R, t, self.shape, scene.frame, scene.bin, STRIDE if every == 1 else STRIDE_ROUGH)
         tolerance = inlier_tolerance(surface, rules)
-        near = NearMisses.of(poses, surface, self.shape, tolerance)
-        features = features_of(evidence, beyond, near, tolerance)
+        features = features_of(evidence, beyond, tolerance)
         return Looked(replace(poses, scores=self.decisions.order.log_odds(features)), evidence, features)
 
     def _with_own_votes(self, looked: Looked, scene: Scene) -> Looked:

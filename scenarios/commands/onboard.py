@@ -71,9 +71,9 @@ def onboard(
     has_cell = onboard_part(asked, target, lambda found: decided(options, found), say)
     say(f"wrote {target.folder}; look at {target.folder / PAGE}")
     where = f" --workpieces {shlex.quote(str(target.root))}"
-    say(f"next: pickproof train {options.name} --minutes 30{where}")
     if has_cell:
-        say(f"      pickproof run {options.name} --oracle perception --episodes 2{where}")
+        say(f"next: pickproof run {options.name} --episodes 2{where}")
+    say(f"      pickproof train {options.name} --minutes 30{where}, where the search misses too much")
     return 0
 
 

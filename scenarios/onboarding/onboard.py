@@ -24,7 +24,7 @@ from pickproof.scenarios.config.scenario import OF_WORKPIECE, load_scenario
 from pickproof.scenarios.config.shipped import WORKPIECES
 from pickproof.scenarios.files.atomic import write_json, write_whole
 from pickproof.scenarios.files.grasps_text import table_text
-from pickproof.scenarios.onboarding.page import cost_text, listed_degrees, page, record, symmetry_lines
+from pickproof.scenarios.onboarding.page import Onboarded, cost_text, listed_degrees, page, record, symmetry_lines
 from pickproof.scenarios.onboarding.part import (
     Part,
     claimed,
@@ -35,6 +35,7 @@ from pickproof.scenarios.onboarding.part import (
     understand,
     write_workpiece,
 )
+from pickproof.scenarios.onboarding.search_trial import SearchTrial
 from pickproof.scenarios.picking.workcell import check_inputs
 
 DEFAULT = Path("workpieces")
@@ -175,10 +176,12 @@ def _equip(asked: Onboarding, part: Part, folder: Path, begun: float, say: Say) 
         check_inputs(load_scenario(asked.name), frozenset({"perception"}))
     for what, why in reasons.items():
         say(f"{what}: {why}")
+    trial = SearchTrial.of(workpiece, say)
+    say(trial.line)
     seconds = time.monotonic() - begun
-    write_whole(folder / PAGE, page(part, workpiece, held, fields, reasons, asked.mesh.name, seconds, cost))
-    told = record(part, workpiece, held, asked.mesh.name, asked.unit, cost)
-    write_json(folder / RECORD, told | {"cpu_s": time.process_time()})
+    known = Onboarded(part, workpiece, held, trial, cost)
+    write_whole(folder / PAGE, page(known, fields, reasons, asked.mesh.name, seconds))
+    write_json(folder / RECORD, record(known, asked.mesh.name, asked.unit) | {"cpu_s": time.process_time()})
     return bool(fields)
 
 

@@ -1,3 +1,6 @@
+import hashlib
+import json
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,7 @@ from pickproof.scenarios.config.scenario import (
     scenario_hash,
     scenario_json,
     weights_hash,
+    weights_used,
 )
 from pickproof.scenarios.picking.workcell import Workcell, check_inputs
 
@@ -123,3 +127,26 @@ def test_a_scenario_names_its_own_grasp_points(tmp_path, monkeypatch):
         assert input_hashes(scenario, ())["grasps.yaml"] != before["grasps.yaml"]
     with pytest.raises(InputError, match=r"none\.yaml.*missing file"):
         check_inputs(load_scenario("bracket", ["grasps=none.yaml"]), frozenset({"perception"}))
+
+
+def test_hash_of_campaigns_older_than_the_method_stays():
+    plain = load_scenario("bracket")
+    assert plain.perception.method == "auto"
+    assert scenario_hash(plain) == scenario_hash(load_scenario("bracket", ["perception.method=auto"]))
+    assert scenario_hash(plain) != scenario_hash(load_scenario("bracket", ["perception.method=search"]))
+    data = json.loads(scenario_json(plain))
+    del data["seed"], data["perception"]["method"]
+    older = hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    assert scenario_hash(plain) == older
+
+
+def test_weights_count_only_where_a_network_looks():
+    assert weights_used(load_scenario("bracket"), frozenset()) == weights_hash("bracket") != ""
+    assert weights_used(load_scenario("bracket", ["perception.method=search"]), frozenset()) == ""
+
+
+def test_an_unknown_method_is_named():
+    with pytest.raises(InputError) as error:
+        load_scenario("bracket", ["perception.method=guess"])
+    assert "perception.method" in str(error.value)
+    assert "'search'" in str(error.value)

@@ -73,6 +73,23 @@ def test_the_page_stands_alone(onboarded) -> None:
     assert sum(pose["probability"] for pose in told["resting"]) == pytest.approx(1.0, abs=0.05)
 
 
+def test_it_says_what_is_found_without_training(onboarded) -> None:
+    root, _ = onboarded
+    found = json.loads((root / "bar" / "onboard.json").read_text())["search"]
+    assert found["heaps"] == 8
+    assert found["instances"] > 20
+    assert found["f1_inst"] > 90 and found["precision"] > 90
+    assert found["worth_training"] == (found["f1_inst"] < 97)
+    assert f"F1 {found['f1_inst']:.1f} %" in (root / "bar" / "onboard.html").read_text()
+
+
+def test_what_was_onboarded_runs_without_weights(onboarded, monkeypatch) -> None:
+    monkeypatch.setenv(FOLDERS, str(onboarded[0]))
+    check_inputs(load_scenario("bar"), frozenset())
+    with pytest.raises(InputError):
+        check_inputs(load_scenario("bar", ["perception.method=ps6d"]), frozenset())
+
+
 def test_a_name_that_is_taken_is_refused(onboarded, capsys) -> None:
     root, _ = onboarded
     words = ["onboard", str(root / "bar.stl"), "--unit", "mm", "--name", "bar", "--yes", "--workpieces", str(root)]

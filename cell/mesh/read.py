@@ -14,7 +14,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from pickproof.cell.errors import InputError
-from pickproof.cell.mesh.check import Checked, check_mesh
+from pickproof.cell.mesh.check import check_mesh
+from pickproof.cell.mesh.checked import Checked
 from pickproof.cell.mesh.error import MeshError
 from pickproof.cell.mesh.file import READERS, kind_of, read_mesh
 
@@ -27,8 +28,11 @@ WAITS = 5
 READABLE = "a readable " + ", ".join(f.upper() for f in FORMATS[:-1]) + " file"
 
 
-def read_checked(path: Path, unit: str) -> Checked:
+def read_checked(path: Path, unit: str, body: int | None = None) -> Checked:
     """Read a mesh file in `unit`, repair it and say what was done; lengths become [m].
+
+    Args:
+        body: which of several bodies that do not touch is meant, 1 for the largest.
 
     Raises:
         InputError: no such file, another kind of file, or a mesh that cannot be made one closed solid.
@@ -36,7 +40,7 @@ def read_checked(path: Path, unit: str) -> Checked:
     _check_path(path)
     context = multiprocessing.get_context("spawn")
     mine, theirs = context.Pipe(duplex=False)
-    reader = context.Process(target=_read, args=(theirs, path, unit), daemon=True)
+    reader = context.Process(target=_read, args=(theirs, path, unit, body), daemon=True)
     reader.start()
     theirs.close()
     slow = MeshError(f"not read after {SECONDS} s", "a smaller mesh")
@@ -55,7 +59,7 @@ def read_checked(path: Path, unit: str) -> Checked:
     return Checked(*answer)
 
 
-def read_checked_here(path: Path, unit: str) -> Checked:
+def read_checked_here(path: Path, unit: str, body: int | None = None) -> Checked:
     """The same as `read_checked` in this process, without its limits of memory and time.
 
     Raises:
@@ -63,7 +67,7 @@ def read_checked_here(path: Path, unit: str) -> Checked:
     """
     _check_path(path)
     try:
-        return _understood(path, unit)
+        return _understood(path, unit, body)
     except MeshError as error:
         raise InputError(path, "", error.found, error.valid) from None
 
@@ -88,25 +92,25 @@ def _check_step_reader(path: Path) -> None:
         raise InputError(path, "", path.suffix, valid) from None
 
 
-def _understood(path: Path, unit: str) -> Checked:
+def _understood(path: Path, unit: str, body: int | None) -> Checked:
     raw = read_mesh(path)
     if kind_of(path) in ("step", "stp"):
         unit = "m"  # such a file tells its own, and its reader converts
-    checked = check_mesh(raw.vertices, raw.faces, unit)
+    checked = check_mesh(raw.vertices, raw.faces, unit, body)
     checked.notes[:0] = raw.notes
     return checked
 
 
-def _read(out: Connection, path: Path, unit: str) -> None:
-    """In the process that may be lost: send (vertices, faces, notes), or a MeshError."""
+def _read(out: Connection, path: Path, unit: str, body: int | None) -> None:
+    """In the process that may be lost: send the fields of Checked in order, or a MeshError."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
     with open(os.devnull, "w") as nothing:  # noqa: PTH123  libraries of C++ write to the descriptor
         os.dup2(nothing.fileno(), 2)
         os.dup2(nothing.fileno(), 1)
     try:
-        checked = _understood(path, unit)
-        out.send((checked.vertices, checked.faces, checked.notes))
+        checked = _understood(path, unit, body)
+        out.send((checked.vertices, checked.faces, checked.notes, checked.volume_change, checked.moved))
     except MeshError as error:
         out.send(error)
     except MemoryError:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import manifold3d as m3
 import numpy as np
 from pydantic import Field
 from scipy.optimize import linprog
@@ -24,6 +25,8 @@ from pickproof.cell.mesh.obj import scan_obj
 HULL_MARGIN = 0.001
 """[m] margin that Bullet keeps around a convex hull."""
 MAX_HULL_VERTICES = 128
+LAYER = 1e-4
+"""[m] thickness of the middle layer of a thin plate."""
 THICK = 1.25
 """Smallest radius of the largest inscribed ball of a hull, in margins."""
 
@@ -77,20 +80,27 @@ class CollisionHull:
     def without_margin(self, margin: float = HULL_MARGIN) -> Array:
         """Vertices (n, 3) moved inward so that a margin around them ends at the faces of this hull.
 
-        Where a corner is too sharp to be moved, as at the tip of a tooth, returns the corners (m, 3) of the region that
-        lies one margin inside.
+        Where corners are too sharp to be moved, as at a tooth's tip, those (m, 3) of all that is a margin inside. Of a
+        plate thinner than two margins its middle layer, so that it becomes up to two margins thick.
 
         Raises:
-            ValueError: the hull is thinner than its margins.
+            ValueError: the hull is thinner than one margin, or thinner than two in two directions.
         """
         hull = ConvexHull(self.vertices)
         normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+        if np.ptp(self.vertices @ normals.T, axis=0).min() < 2 * margin + LAYER:
+            return middle_layer(self.vertices, margin)
         moved = self.vertices.copy()
         for i in range(len(moved)):
             around = normals[(hull.simplices == i).any(axis=1)]
             # nearly parallel faces count as one, so that a vertex of a round hull moves by about the margin
             moved[i] -= margin * np.linalg.pinv(around, rcond=0.2) @ np.ones(len(around))
-        return moved if (moved @ normals.T + offsets).max() <= -0.5 * margin else eroded(self.vertices, margin)
+        if (moved @ normals.T + offsets).max() <= -0.5 * margin:
+            return moved
+        try:
+            return eroded(self.vertices, margin)
+        except ValueError:  # thicker than two margins by little
+            return middle_layer(self.vertices, margin)
 
 
 Piece = CollisionBox | CollisionCylinder | CollisionHull
@@ -111,6 +121,29 @@ def eroded(vertices: Array, margin: float) -> Array:
     inside = HalfspaceIntersection(np.add(planes, (0.0, 0.0, 0.0, margin)), ball.x[:3])
     corners = np.asarray(inside.intersections)
     return np.array(corners[ConvexHull(corners, qhull_options="QJ").vertices])
+
+
+def middle_layer(vertices: Array, margin: float) -> Array:
+    """Corners (m, 3) of a layer, LAYER thick, in the middle of a thin hull of (n, 3), a margin [m] off its rim.
+
+    Raises:
+        ValueError: the hull is thinner than a margin, or its layer is narrower than two.
+    """
+    normals = ConvexHull(vertices, qhull_options="QJ").equations[:, :3]
+    heights = vertices @ normals.T
+    thin = int(np.argmin(np.ptp(heights, axis=0)))
+    normal, thickness = normals[thin], float(np.ptp(heights[:, thin]))
+    if thickness < margin:
+        raise ValueError(f"a hull is thinner than {1000 * margin:.1f} mm")
+    u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    axes = np.stack([u / np.linalg.norm(u), np.cross(normal, u / np.linalg.norm(u))])
+    outline = m3.CrossSection.hull_points((1000 * vertices @ axes.T).tolist())
+    inner = outline.offset(-1000 * margin, m3.JoinType.Miter).to_polygons()
+    if len(inner) != 1:
+        raise ValueError(f"a hull is thinner than {2000 * margin:.1f} mm in two directions")
+    middle = heights[:, thin].min() + thickness / 2
+    flat = 1e-3 * np.asarray(inner[0]) @ axes
+    return np.concatenate([flat + (middle + side * LAYER / 2) * normal for side in (-1.0, 1.0)])
 
 
 def bounds(piece: Piece) -> tuple[Array, Array]:
@@ -210,7 +243,7 @@ def read_hulls(yaml_path: Path, path: Path, scale: float) -> tuple[CollisionHull
             hull.without_margin()
         except (QhullError, ValueError):
             raise bad(
-                what, f"a solid hull thicker than {2000 * HULL_MARGIN:.0f} mm (lengths are in mesh_unit)"
+                what, f"a solid hull thicker than {1000 * HULL_MARGIN:.0f} mm (lengths are in mesh_unit)"
             ) from None
         if len(hull.vertices) > MAX_HULL_VERTICES:
             raise bad(what, f"at most {MAX_HULL_VERTICES} vertices on each hull")

@@ -1,23 +1,22 @@
-"""Collision pieces for a mesh: one box or a stack of cylinders where that fits, else convex hulls by CoACD.
+"""Collision pieces for a mesh: one box or a stack of cylinders where that fits, else convex prisms or hulls.
 
-CoACD measures concavity relative to the longest side, so a slender part would stay one hull. Each axis is scaled to 1
-first (convexity is preserved), and the pieces are scaled back.
-Source: Wei et al., "Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree Search"
-(2022).
+Fitting is measured: by how far the part sticks out of its pieces, and they out of it where anything touches them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
-from pickproof.cell.frames import Array
+from pickproof.cell.frames import Array, apply
 from pickproof.cell.geometry.nearest import Nearest
 from pickproof.cell.workpiece.collision_pieces import HULL_MARGIN, CollisionBox, CollisionCylinder, CollisionHull, Piece
+from pickproof.cell.workpiece.convex_cuts import convex_cuts
+from pickproof.cell.workpiece.piece_errors import error_bound, piece_errors, piece_mesh, widened
 from pickproof.cell.workpiece.prism_pieces import prism_pieces
 
 FULL = 0.97
@@ -25,15 +24,22 @@ FULL = 0.97
 STEP = (0.0005, 0.03)
 """Allowed change of the radius along one cylinder: [m], and share of the largest radius; the larger counts."""
 SLICES, MAX_CYLINDERS = 120, 14
-THRESHOLD, MAX_HULLS, HULL_VERTICES, MAX_CORNERS = 0.06, 16, 48, 120
+HULL = 0.75
+"""Share of its hull that a solid fills where one hull is tried."""
+CUTS = ((0.9, 32), (0.7, 48))
+"""Share of the bound for each hull, and the most hulls; corners of cut bores may lie between samples."""
+MAX_CORNERS = 120
 MAX_PRISMS = 28
-BOXY = 1.35
-"""Largest ratio of volumes at which a box replaces a thin hull."""
-THINNEST = 3.2 * HULL_MARGIN
-"""[m] smallest thickness of a hull that keeps the margin of the physics inside."""
+BOXY = 1.05
+"""Times its volume that the box around a thin hull may have to stand for it."""
+THINNEST = 2.5 * HULL_MARGIN
+"""[m] that a hull must be thick for the physics to keep its margin inside of it."""
+PLATE = 1.02 * HULL_MARGIN
+"""[m] that a hull must be thick to have a middle layer, around which the physics keeps its margin."""
+BESIDE = 0.7
+"""Of the bound, by which what is left out may stand out of the other pieces."""
 SMOOTH = 5e-5
-"""[m] distance of a corner from the hull of the others up to which it may be left out."""
-SAMPLES = 3000
+"""[m] that a corner may stand out of a hull without it."""
 
 
 @dataclass(frozen=True)
@@ -41,52 +47,62 @@ class Pieces:
     """Collision pieces, and their deviation from the solid.
 
     Attributes:
-        outside: [m] largest distance of the solid beyond the pieces.
-        beyond: [m] largest distance of the pieces beyond the solid, as where they close a bore.
-        how: description in words.
+        outside: [m] that the solid sticks out of them at most.
+        beyond: [m] that they stick out of the solid at most, as where they close a bore.
+        how: in words.
+        felt: [m] that they stick out of it where a ball of PROBE comes.
+        bound: [m] aimed at for `outside` and `felt`.
     """
 
     pieces: tuple[Piece, ...]
     outside: float
     beyond: float
     how: str
+    felt: float = 0.0
+    bound: float = 0.0
+
+    @property
+    def within(self) -> bool:
+        """Nothing that touches the part finds its pieces off by more than the bound."""
+        return max(self.outside, self.felt) <= self.bound
 
 
 def decompose(mesh: trimesh.Trimesh, turned: bool) -> Pieces:
-    """Pieces of a closed mesh in [m] whose bounding box is centred, or whose axis is z where it is `turned`."""
-    pieces, how = _box(mesh), "one box"
-    if not pieces and turned:
-        pieces = _cylinders(mesh)
-        how = f"{len(pieces)} cylinders about its axis"
-    if not pieces:
-        parts, kind = _convex_parts(mesh)
-        pieces, thick = _hulls(parts)
-        boxes = sum(isinstance(piece, CollisionBox) for piece in pieces)
-        kinds = ((len(pieces) - boxes, kind), (boxes, "boxes for thin ones"))
-        how = " and ".join(f"{n} {what}" for n, what in kinds if n)
-        how += f"; {thick} were thickened to {1000 * THINNEST:.1f} mm" if thick else ""
-    outside, beyond = piece_errors(mesh, pieces)
-    return Pieces(tuple(pieces), outside, beyond, how)
+    """Pieces of a closed mesh in [m] whose bounding box is centred, or whose axis is z where it is `turned`.
+
+    The first of some ways, the cheapest first, that is within the bound; else the one that is off the least.
+    """
+    bound = error_bound(float(np.max(mesh.extents)))
+    found: list[Pieces] = []
+    for pieces, how in _ways(mesh, turned, bound):
+        outside, beyond, felt = piece_errors(mesh, pieces)
+        found.append(Pieces(tuple(pieces), outside, beyond, how, felt, bound))
+        if found[-1].within:
+            return found[-1]
+    return min(found, key=lambda p: max(p.outside, p.felt))
 
 
-def piece_mesh(piece: Piece) -> trimesh.Trimesh:
-    """A collision piece as a mesh in [m]."""
-    if isinstance(piece, CollisionBox):
-        return trimesh.creation.box(piece.size, piece.T_part_box)
-    if isinstance(piece, CollisionCylinder):
-        return trimesh.creation.cylinder(piece.radius, piece.length, sections=48, transform=piece.T_part_cylinder)
-    return trimesh.convex.convex_hull(piece.vertices)
+def _ways(mesh: trimesh.Trimesh, turned: bool, bound: float) -> Iterator[tuple[list[Piece], str]]:
+    """Pieces, and what they are in words."""
+    if box := _box(mesh):
+        yield box, "one box"
+    if turned and (cylinders := _cylinders(mesh)):
+        yield cylinders, f"{len(cylinders)} cylinders about its axis"
+    whole = trimesh.convex.convex_hull(mesh)
+    if mesh.volume > HULL * whole.volume:
+        yield _worded([np.asarray(whole.vertices)], "convex hull", bound)
+    if straight := prism_pieces(mesh, MAX_PRISMS):
+        yield _worded(straight, "prisms", bound)
+    for share, most in CUTS:
+        yield _worded(convex_cuts(mesh, share * bound, most), "convex hulls", bound)
 
 
-def piece_errors(mesh: trimesh.Trimesh, pieces: Sequence[Piece]) -> tuple[float, float]:
-    """Largest distances [m] of the solid beyond its pieces, and of the pieces beyond the solid."""
-    meshes = [piece_mesh(piece) for piece in pieces]
-    near = [Nearest(m.vertices, m.faces) for m in meshes]
-    points = np.concatenate([trimesh.sample.sample_surface(mesh, SAMPLES, seed=2)[0], mesh.vertices])
-    outside = np.min([n.signed(points) for n in near], axis=0).max()
-    solid = Nearest(mesh.vertices, mesh.faces)
-    beyond = [solid.signed(trimesh.sample.sample_surface(m, SAMPLES // 3, seed=2)[0]).max() for m in meshes]
-    return max(float(outside), 0.0), max(float(np.max(beyond)), 0.0)
+def _worded(parts: list[Array], kind: str, bound: float) -> tuple[list[Piece], str]:
+    pieces, thick = _hulls(parts, bound)
+    boxes = sum(isinstance(piece, CollisionBox) for piece in pieces)
+    kinds = ((len(pieces) - boxes, kind), (boxes, "boxes for thin ones"))
+    how = " and ".join(f"{n} {what}" for n, what in kinds if n)
+    return pieces, how + (f"; {thick} were thickened to {2000 * HULL_MARGIN:g} mm" if thick else "")
 
 
 def _box(mesh: trimesh.Trimesh) -> list[Piece]:
@@ -119,31 +135,41 @@ def _cylinders(mesh: trimesh.Trimesh) -> list[Piece]:
     return pieces if len(pieces) <= MAX_CYLINDERS and mesh.volume > (FULL - 0.05) * filled else []
 
 
-def _convex_parts(mesh: trimesh.Trimesh) -> tuple[list[Array], str]:
-    """Corners of convex parts, and a description in words."""
-    whole = trimesh.convex.convex_hull(mesh)
-    if mesh.volume > FULL * whole.volume:
-        return [np.asarray(whole.vertices)], "convex hull"
-    straight = prism_pieces(mesh, MAX_PRISMS)
-    return (straight, "prisms") if straight else (_coacd(mesh), "convex hulls")
-
-
-def _hulls(parts: list[Array]) -> tuple[list[Piece], int]:
-    """Hulls (thin ones replaced by boxes where these fit), and the number of thickened ones."""
+def _hulls(parts: list[Array], bound: float) -> tuple[list[Piece], int]:
+    """Hulls, thin ones as boxes where these fit, and how many had to be thickened; no slivers beside others."""
     pieces: list[Piece] = []
-    thick = 0
+    slivers: list[Array] = []
     for vertices in parts:
         corners = _few(vertices)
         box = _around(corners)
-        if _sound(corners):
+        if _thickness(corners) > THINNEST and _sound(corners):
             pieces.append(CollisionHull(corners))
         elif float(np.prod(box.size)) < BOXY * ConvexHull(corners, qhull_options="QJ").volume:
             pieces.append(box)  # the physics keeps its margin within a box, however thin
+        elif _sound(corners):
+            pieces.append(CollisionHull(corners))
+        elif _stands_off(box, corners) < HULL_MARGIN - _thickness(corners) / 2:
+            pieces.append(box)
         else:
-            wide = _few(_thick(corners))
-            thick += 1
-            pieces.append(CollisionHull(wide) if _sound(wide) else box)
-    return pieces, thick
+            slivers.append(corners)
+    near = [Nearest(m.vertices, m.faces) for m in map(piece_mesh, pieces)]
+    wide = [c for c in slivers if not near or np.min([n.signed(c) for n in near], axis=0).max() > BESIDE * bound]
+    for corners in wide:
+        thick = _few(widened(corners, PLATE))
+        pieces.append(CollisionHull(thick) if _sound(thick) else _around(corners))
+    return pieces, len(wide)
+
+
+def _stands_off(box: CollisionBox, corners: Array) -> float:
+    """How far [m] the corners of a box stand out of the hull of points (n, 3)."""
+    ends = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3, indexing="ij"), -1).reshape(-1, 3) * box.size
+    planes = ConvexHull(corners, qhull_options="QJ").equations
+    return float((apply(box.T_part_box, ends) @ planes[:, :3].T + planes[:, 3]).max())
+
+
+def _thickness(corners: Array) -> float:
+    normals = ConvexHull(corners, qhull_options="QJ").equations[:, :3]
+    return float(np.ptp(corners @ normals.T, axis=0).min())
 
 
 def _sound(corners: Array) -> bool:
@@ -165,41 +191,6 @@ def _around(corners: Array) -> CollisionBox:
     x, y, z = np.maximum(size, 1e-4).tolist()
     rpy = (float(roll), float(np.arctan2(-R[2, 0], flat)), float(yaw))
     return CollisionBox(size=(x, y, z), centre=tuple(T[:3, 3].tolist()), rpy=rpy)
-
-
-def _coacd(mesh: trimesh.Trimesh) -> list[Array]:
-    import coacd  # only a mesh that is neither box nor stack needs it
-
-    coacd.set_log_level("off")
-    scale = np.asarray(mesh.extents)
-    parts = coacd.run_coacd(
-        coacd.Mesh(np.asarray(mesh.vertices) / scale, np.asarray(mesh.faces)),
-        threshold=THRESHOLD,
-        max_convex_hull=MAX_HULLS,
-        preprocess_mode="off",
-        resolution=1000,
-        mcts_iterations=60,
-        mcts_nodes=12,
-        max_ch_vertex=HULL_VERTICES,
-        decimate=True,
-        seed=0,
-    )
-    return [np.asarray(vertices) * scale for vertices, _ in parts]
-
-
-def _thick(vertices: Array) -> Array:
-    """Vertices of a hull that is thick enough: a thin one is widened about its middle along its thin direction."""
-    centre = vertices.mean(axis=0)
-    for _ in range(3):  # twice, because a splinter is thin in two directions
-        hull = ConvexHull(vertices, qhull_options="QJ")
-        widths = np.ptp(vertices @ hull.equations[:, :3].T, axis=0)
-        thin = int(np.argmin(widths))
-        if widths[thin] >= THINNEST:
-            break
-        normal = hull.equations[thin, :3]
-        height = (vertices - centre) @ normal
-        vertices = np.concatenate([vertices + np.outer(s * THINNEST / 2 - height, normal) for s in (-1.0, 1.0)])
-    return vertices
 
 
 def _few(vertices: Array) -> Array:

@@ -17,7 +17,8 @@ from pickproof.cell.config import Config, Fine, Length, Size, load
 from pickproof.cell.errors import InputError, did_you_mean
 from pickproof.cell.frames import Array
 from pickproof.cell.geometry.raycast import RayCaster, make_caster
-from pickproof.cell.mesh.bodies import check_crossing
+from pickproof.cell.mesh.crossing import check_crossing
+from pickproof.cell.mesh.edges import is_closed
 from pickproof.cell.mesh.error import MeshError
 from pickproof.cell.mesh.file import kind_of, read_mesh
 from pickproof.cell.symmetry.symmetry import Symmetry
@@ -280,7 +281,7 @@ def _read_mesh(yaml_path: Path, path: Path) -> trimesh.Trimesh:
     mesh = trimesh.Trimesh(raw.vertices, raw.faces)
     if len(mesh.faces) == 0 or not np.isfinite(raw.vertices).all():
         raise InputError(yaml_path, "mesh", str(path), "a mesh with faces and finite vertices")
-    if not mesh.is_watertight or mesh.volume <= 0:
+    if not is_closed(np.asarray(mesh.faces)) or mesh.volume <= 0:
         raise InputError(yaml_path, "mesh", str(path), "a watertight mesh with outward normals (mass comes from it)")
     if mesh.body_count > 1:  # overlapping solids would count mass twice
         try:

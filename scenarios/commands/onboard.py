@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.arguments import SOME_PATH, Flat, about, parse_number, read_by
+from pickproof.scenarios.commands.arguments import SOME_PATH, Flat, about, integer, parse_number, read_by
 
 if TYPE_CHECKING:
     from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
@@ -27,6 +27,9 @@ class OnboardOptions:
     """Options of `pickproof onboard`."""
 
     unit: Annotated[Unit, about("of the lengths in the file")]
+    body: Annotated[
+        int | None, integer(1, 500), about("of bodies in the file that do not touch: 1 for the largest")
+    ] = None
     name: Annotated[str, about("of the workpiece: letters, digits, _ and -")]
     material: Annotated[Material, about("of the part")] = "steel"
     symmetry: Annotated[
@@ -63,8 +66,8 @@ def onboard(
             file=sys.stderr,
         )
     if options.symmetry is not None:
-        three_angles(list(options.symmetry), "--symmetry")  # before the mesh is read
-    asked = Onboarding(mesh, options.unit, options.name, options.material)
+        three_angles(list(options.symmetry), "--symmetry")  # before the mesh is looked at
+    asked = Onboarding(mesh, options.unit, options.name, options.material, options.body)
     has_cell = onboard_part(asked, target, lambda found: decided(options, found), say)
     say(f"wrote {target.folder}; look at {target.folder / PAGE}")
     where = f" --workpieces {shlex.quote(str(target.root))}"

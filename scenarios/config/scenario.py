@@ -19,9 +19,11 @@ from pickproof.cell.config import Angle, Config, Fine, Point, Size, Small, metre
 from pickproof.cell.errors import InputError, did_you_mean
 from pickproof.cell.frames import Array
 from pickproof.cell.geometry.bin import Bin, Box, table
+from pickproof.cell.grippers.registry import load_gripper
+from pickproof.cell.physics.convergence import FEWEST, MOST, solver_iterations
 from pickproof.cell.sensing.camera import Intrinsics, look_at
 from pickproof.cell.sensing.sensor_model import SensorConfig
-from pickproof.cell.workpiece.workpiece import list_workpieces, search_path, workpiece_folder
+from pickproof.cell.workpiece.workpiece import list_workpieces, load_workpiece, search_path, workpiece_folder
 from pickproof.grasping.ranking import GraspingConfig
 from pickproof.perception.method import Method
 from pickproof.scenarios.config.placing import HeapPlace, PatternPlace, PlaceConfig
@@ -98,7 +100,9 @@ class PhysicsConfig(Config):
     """Settings of the physics (docs/explanation/physics.md says why these)."""
 
     timestep: float = Field(default=1 / 480, gt=1e-4, le=1 / 100, description="[s] of one physics step")
-    solver_iterations: int = Field(default=50, ge=1, le=500, description="of each step")
+    solver_iterations: int = Field(
+        default=FEWEST, ge=1, le=MOST, description="where a file does not say: what part and gripper need"
+    )
 
 
 class PerceptionConfig(Config):
@@ -229,7 +233,20 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
         known = list_workpieces()
         valid = f"one of: {', '.join(known)}{did_you_mean(scenario.workpiece, known)}"
         raise InputError(file, "workpiece", scenario.workpiece, valid)
-    return scenario
+    return scenario if "solver_iterations" in scenario.physics.model_fields_set else _converged(scenario)
+
+
+def _converged(scenario: Scenario) -> Scenario:
+    """The scenario with the iterations of the solver that its workpiece and gripper need.
+
+    Raises:
+        InputError: the workpiece, or the gripper, is not one.
+    """
+    needed = solver_iterations(load_workpiece(scenario.workpiece), load_gripper(scenario.gripper))
+    if needed == scenario.physics.solver_iterations:
+        return scenario
+    physics = scenario.physics.model_copy(update={"solver_iterations": needed})
+    return scenario.model_copy(update={"physics": physics})
 
 
 def scenario_json(scenario: Scenario) -> str:

@@ -50,10 +50,20 @@ def check_grasp_points(
     return rows, len(resting)
 
 
-def tried(workpiece: Workpiece, gripper: Gripper, points: Sequence[GraspPoint], least: float = 0.5) -> list[GraspPoint]:
-    """The proposed grasp points that tolerate more than the share `least` of pose errors, most robust first."""
+def tried(
+    workpiece: Workpiece,
+    gripper: Gripper,
+    points: Sequence[GraspPoint],
+    least: float = 0.5,
+    iterations: int | None = None,
+) -> list[GraspPoint]:
+    """Of proposed grasp points those that tolerate more than the share `least` of pose errors, most robust first.
+
+    Args:
+        iterations: of the contact solver, as in `TrialCell`.
+    """
     kept = []
-    with closing(TrialCell(workpiece, gripper)) as cell:
+    with closing(TrialCell(workpiece, gripper, iterations)) as cell:
         resting = cell.resting_poses()
         for point in points:
             share = _robustness(cell, resting, point)

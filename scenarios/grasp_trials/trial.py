@@ -17,6 +17,7 @@ from pickproof.cell.frames import Array, about_axis, apply, invert, make_transfo
 from pickproof.cell.geometry.bin import Bin, table
 from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.grippers.parallel_jaw import ParallelJaw
+from pickproof.cell.physics.convergence import solver_iterations
 from pickproof.cell.physics.floating_gripper import floating_arm, floating_joints, floating_line
 from pickproof.cell.physics.grip import Grip, grip, held
 from pickproof.cell.physics.trajectory_execution import execute
@@ -69,9 +70,14 @@ class PlacedGrasp:
 class TrialCell:
     """A table, one workpiece and a floating gripper; use it for many trials, then close it."""
 
-    def __init__(self, workpiece: Workpiece, gripper: Gripper) -> None:
+    def __init__(self, workpiece: Workpiece, gripper: Gripper, iterations: int | None = None) -> None:
+        """Build it.
+
+        Args:
+            iterations: of the contact solver; by default those of a scenario with this workpiece and gripper.
+        """
         self.workpiece, self.gripper = workpiece, gripper
-        self.world = World()
+        self.world = World(solver_iterations=iterations or solver_iterations(workpiece, gripper))
         self._build()
 
     def _build(self) -> None:

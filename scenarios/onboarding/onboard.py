@@ -15,17 +15,20 @@ import trimesh
 from pickproof.cell.child_process import FOLDERS, child_environment
 from pickproof.cell.errors import InputError
 from pickproof.cell.mesh.read import read_checked
+from pickproof.cell.physics.convergence import FEWEST
+from pickproof.cell.physics.step_cost import step_cost
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
+from pickproof.cell.workpiece.piece_errors import PROBE
 from pickproof.cell.workpiece.workpiece import load_workpiece, search_path
 from pickproof.scenarios.config.scenario import OF_WORKPIECE, load_scenario
 from pickproof.scenarios.config.shipped import WORKPIECES
 from pickproof.scenarios.files.atomic import write_json, write_whole
 from pickproof.scenarios.files.grasps_text import table_text
-from pickproof.scenarios.onboarding.page import listed_degrees, page, record, symmetry_lines
+from pickproof.scenarios.onboarding.page import Onboarded, cost_text, listed_degrees, page, record, symmetry_lines
 from pickproof.scenarios.onboarding.part import (
     Part,
     claimed,
-    find_grasps,
+    find_converged_grasps,
     scenario_fields,
     scenario_text,
     search_symmetry,
@@ -49,12 +52,14 @@ class Onboarding:
     Attributes:
         mesh: the CAD file, with lengths in `unit`.
         name: of the workpiece; material: one of MATERIALS.
+        body: of bodies in the file that do not touch the one that is meant, 1 for the largest; None if there is one.
     """
 
     mesh: Path
     unit: str
     name: str
     material: str
+    body: int | None = None
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,7 @@ def three_angles(numbers: list[float], field: str) -> Degrees:
 
 def _understand(asked: Onboarding, decide: Decide, say: Say) -> Part:
     """Mesh, symmetry, mass, resting poses and collision pieces."""
-    checked = read_checked(asked.mesh, asked.unit)
+    checked = read_checked(asked.mesh, asked.unit, asked.body)
     mesh, found = search_symmetry(checked)
     say(
         f"mesh: {len(mesh.faces)} faces, {_millimetres(mesh)}, {1e6 * mesh.volume:.2f} cm3"
@@ -149,7 +154,8 @@ def _understand(asked: Onboarding, decide: Decide, say: Say) -> Part:
     say(f"in its own frame {_millimetres(part.mesh)}; weighs {part.mesh.mass:.4g} kg in {asked.material}; {ways}")
     say(
         f"collision pieces: {part.pieces.how}; the part sticks out of them by {1000 * part.pieces.outside:.1f} mm "
-        f"at most, they out of it, closed holes included, by {1000 * part.pieces.beyond:.1f} mm"
+        f"at most, they out of it by {1000 * part.pieces.felt:.1f} mm, where a ball of {2000 * PROBE:g} mm comes, "
+        f"closed holes included by {1000 * part.pieces.beyond:.1f} mm; {1000 * part.pieces.bound:.1f} mm are allowed"
     )
     return part
 
@@ -157,7 +163,9 @@ def _understand(asked: Onboarding, decide: Decide, say: Say) -> Part:
 def _equip(asked: Onboarding, part: Part, folder: Path, begun: float, say: Say) -> bool:
     """Add grasps, a cell, the page and the record; returns whether there is a cell."""
     workpiece = load_workpiece(asked.name)
-    held = find_grasps(workpiece, part.heap, say)
+    cost = step_cost(workpiece, FEWEST)
+    say(cost_text(part.pieces, cost))
+    held = find_converged_grasps(workpiece, part.heap, say)
     fields, reasons = scenario_fields(workpiece, held, part.heap)
     if held.gripper is not None:
         comment = f"Proposed by `pickproof onboard` for {held.gripper.name}; schema: docs/reference/grasps-file.md."
@@ -171,8 +179,9 @@ def _equip(asked: Onboarding, part: Part, folder: Path, begun: float, say: Say) 
     trial = SearchTrial.of(workpiece, say)
     say(trial.line)
     seconds = time.monotonic() - begun
-    write_whole(folder / PAGE, page(part, workpiece, held, trial, fields, reasons, asked.mesh.name, seconds))
-    write_json(folder / RECORD, record(part, workpiece, held, trial, asked.mesh.name, asked.unit))
+    known = Onboarded(part, workpiece, held, trial, cost)
+    write_whole(folder / PAGE, page(known, fields, reasons, asked.mesh.name, seconds))
+    write_json(folder / RECORD, record(known, asked.mesh.name, asked.unit) | {"cpu_s": time.process_time()})
     return bool(fields)
 
 

@@ -3,29 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from pickproof.cell.html_page import page_template, png_uri
+from pickproof.cell.physics.step_cost import PILE
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry
+from pickproof.cell.workpiece.decompose import Pieces
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.scenarios.onboarding.part import Held, Part, is_infinite, matrix_rows, scenario_text
 from pickproof.scenarios.onboarding.search_trial import SearchTrial
 from pickproof.scenarios.reporting.part_pictures import axes_picture, grasps_picture, pieces_picture, resting_picture
 
 
-def page(
-    part: Part,
-    workpiece: Workpiece,
-    held: Held,
-    trial: SearchTrial,
-    fields: Mapping[str, Any],
-    reasons: Mapping[str, str],
-    source: str,
-    seconds: float,
-) -> str:
+@dataclass(frozen=True)
+class Onboarded:
+    """What onboarding found of a part.
+
+    Attributes:
+        part, workpiece: as measured, and as the other commands read it.
+        held: gripper and grasp points.
+        trial: what the search for its poses finds.
+        cost: processor time [s] of a physics step of a small pile.
+    """
+
+    part: Part
+    workpiece: Workpiece
+    held: Held
+    trial: SearchTrial
+    cost: float
+
+
+def page(known: Onboarded, fields: Mapping[str, Any], reasons: Mapping[str, str], source: str, seconds: float) -> str:
     """One self-contained HTML page."""
+    part, workpiece, held = known.part, known.workpiece, known.held
 
     pictures = {
         "axes": png_uri(axes_picture(part.mesh, part.found, part.degrees)),
@@ -37,7 +50,7 @@ def page(
         part=part,
         workpiece=workpiece,
         held=held,
-        trial=trial,
+        trial=known.trial,
         reasons=reasons,
         pictures=pictures,
         symmetry=symmetry_lines(part.found),
@@ -49,17 +62,18 @@ def page(
         scenario=scenario_text(dict(fields)) if fields else "",
         source=source,
         seconds=seconds,
+        cost=cost_text(part.pieces, known.cost),
     )
 
 
-def record(
-    part: Part, workpiece: Workpiece, held: Held, trial: SearchTrial, source: str, unit: str
-) -> dict[str, Any]:
+def record(known: Onboarded, source: str, unit: str) -> dict[str, Any]:
     """What machines read: where the part's frame is in the user's CAD, and every residual."""
+    part, workpiece, held = known.part, known.workpiece, known.held
     return {
         "source": source,
         "unit": unit,
         "notes": list(part.notes),
+        "repair": {"volume_share": part.volume_change, "moved_mm": 1000 * part.moved},
         "T_part_cad": matrix_rows(part.found.T_part_cad),
         "mass": workpiece.mass,
         "com": np.round(workpiece.com, 9).tolist(),
@@ -84,14 +98,27 @@ def record(
             "how": part.pieces.how,
             "outside_mm": 1000 * part.pieces.outside,
             "beyond_mm": 1000 * part.pieces.beyond,
+            "felt_mm": 1000 * part.pieces.felt,
+            "bound_mm": 1000 * part.pieces.bound,
+            "count": len(part.pieces.pieces),
+            "step_ms": 1000 * known.cost,
         },
         "resting": [
             {"probability": pose.probability, "T_plane_part": matrix_rows(pose.T_plane_part)} for pose in part.resting
         ],
         "gripper": held.gripper.name if held.gripper else None,
+        "physics": asdict(held.convergence) if held.convergence else None,
         "grasps": len(held.points),
-        "search": trial.record(),
+        "search": known.trial.record(),
     }
+
+
+def cost_text(pieces: Pieces, cost: float) -> str:
+    """What the collision pieces cost, in words."""
+    return (
+        f"{len(pieces.pieces)} collision pieces; a physics step of {PILE} parts in a pile takes {1000 * cost:.2f} ms "
+        "of this machine"
+    )
 
 
 def symmetry_lines(found: FoundSymmetry) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from pickproof.cell.config import yaml_text
 from pickproof.cell.errors import InputError
 from pickproof.cell.frames import Array
 from pickproof.cell.grippers.base import Gripper
-from pickproof.cell.mesh.check import Checked, as_trimesh
+from pickproof.cell.mesh.checked import Checked, as_trimesh
 from pickproof.cell.symmetry.symmetry import INFINITE_BELOW_DEG, Symmetry
 from pickproof.cell.symmetry.symmetry_search import Degrees, FoundSymmetry, check_degrees, find_symmetry
 from pickproof.cell.workpiece.collision_pieces import CollisionBox, CollisionCylinder, CollisionHull
@@ -25,6 +25,7 @@ from pickproof.grasping.grasp_points import GraspPoint
 from pickproof.grasping.sample import propose
 from pickproof.scenarios.grasp_trials.check import in_order_of_use, tried
 from pickproof.scenarios.onboarding.cell_proposal import Heap, propose_cell, propose_heap, rank_grippers
+from pickproof.scenarios.onboarding.convergence_check import Convergence, check_convergence
 
 MATERIALS: dict[str, tuple[float, float, bool]] = {
     "steel": (7850, 0.5, True),
@@ -54,12 +55,18 @@ every machine finds the same grasps."""
 
 @dataclass(frozen=True)
 class Part:
-    """A part that is understood but for its grasps: mesh in [m] in its frame, and what was found of it."""
+    """A part that is understood but for its grasps: mesh in [m] in its frame, and what was found of it.
+
+    Attributes:
+        notes, volume_change, moved: what was repaired, as in `Checked`.
+    """
 
     name: str
     material: str
     mesh: trimesh.Trimesh
     notes: tuple[str, ...]
+    volume_change: float
+    moved: float
     found: FoundSymmetry
     degrees: Degrees
     pieces: Pieces
@@ -69,12 +76,17 @@ class Part:
 
 @dataclass(frozen=True)
 class Held:
-    """The gripper that was chosen, why, and its grasps, none where nothing holds; and all that was tried, in words."""
+    """The gripper that was chosen, why, and its grasps, none where nothing holds; and all that was tried, in words.
+
+    Attributes:
+        convergence: of the physics in its trials, None before it was looked at.
+    """
 
     gripper: Gripper | None
     why: str
     points: tuple[GraspPoint, ...]
     tried: tuple[str, ...]
+    convergence: Convergence | None = None
 
 
 def search_symmetry(checked: Checked) -> tuple[trimesh.Trimesh, FoundSymmetry]:
@@ -101,6 +113,8 @@ def understand(
         material=material,
         mesh=mesh,
         notes=tuple(checked.notes),
+        volume_change=checked.volume_change,
+        moved=checked.moved,
         found=found,
         degrees=degrees,
         pieces=decompose(mesh, symmetry.infinite_axis == 2),
@@ -165,8 +179,26 @@ def write_workpiece(part: Part, folder: Path) -> None:
     (folder / "workpiece.yaml").write_text(head + yaml_text(fields), encoding="utf-8")
 
 
-def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) -> Held:
-    """Grasps from the CAD that hold in the physics, by the most suitable gripper that has any."""
+def find_converged_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) -> Held:
+    """As `find_grasps`, with as many iterations of the contact solver as make the trials sure."""
+    held = find_grasps(workpiece, heap, say)
+    if held.gripper is None:
+        return held
+    convergence = check_convergence(workpiece, held.gripper, held.points)
+    say(convergence.text)
+    if convergence.raised:
+        held = find_grasps(workpiece, heap, say, convergence.iterations)
+    return replace(held, convergence=convergence)
+
+
+def find_grasps(
+    workpiece: Workpiece, heap: Heap, say: Callable[[str], None], iterations: int | None = None
+) -> Held:
+    """Grasps from the CAD that hold in the physics, by the most suitable gripper that has any.
+
+    Args:
+        iterations: of the contact solver, as in `TrialCell`.
+    """
     words: list[str] = []
     left = TRIES
     gripper, why, best = None, "", list[GraspPoint]()
@@ -179,7 +211,7 @@ def find_grasps(workpiece: Workpiece, heap: Heap, say: Callable[[str], None]) ->
         of_this = 0
         while of_this < min(len(proposed), left if held else min(left, GIVEN_UP)) and len(held) < ENOUGH:
             batch = proposed[of_this : min(of_this + BATCH, left)]
-            held += tried(workpiece, choice.gripper, batch)
+            held += tried(workpiece, choice.gripper, batch, iterations=iterations)
             of_this += len(batch)
         left -= of_this
         counts = f"{len(proposed)} grasps proposed, {of_this} tried, {len(held)} hold"
@@ -200,6 +232,10 @@ def scenario_fields(workpiece: Workpiece, held: Held, heap: Heap) -> tuple[dict[
     fields, reasons = propose_cell(workpiece, held.gripper, heap)
     if fields:
         fields = {"name": workpiece.name, "workpiece": workpiece.name, "seed": 0, **fields}
+    if held.convergence is not None:
+        reasons["physics"] = held.convergence.text
+        if fields and held.convergence.raised:
+            fields["physics"] = {"solver_iterations": held.convergence.iterations}
     return fields, {"bin and camera": heap.reason, "gripper": held.why, **reasons}
 
 

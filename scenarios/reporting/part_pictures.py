@@ -18,7 +18,7 @@ from pickproof.cell.geometry.raycast import make_caster
 from pickproof.cell.grippers.base import Gripper
 from pickproof.cell.symmetry.symmetry_search import FoundSymmetry
 from pickproof.cell.workpiece.collision_pieces import Piece
-from pickproof.cell.workpiece.decompose import piece_mesh
+from pickproof.cell.workpiece.piece_errors import piece_mesh
 from pickproof.cell.workpiece.resting_poses import Resting
 from pickproof.grasping.grasp_points import GraspPoint, opening
 

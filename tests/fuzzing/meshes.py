@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pickproof.cell.errors import InputError
-from pickproof.cell.mesh.check import as_trimesh
+from pickproof.cell.mesh.checked import as_trimesh
 from pickproof.cell.mesh.read import read_checked_here
 from tests.fuzzing.mesh_writers import VOLUME, WRITERS, random_solid
 

@@ -11,7 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pickproof.cell.errors import InputError
-from pickproof.cell.mesh.check import as_trimesh, check_mesh
+from pickproof.cell.mesh.check import check_mesh
+from pickproof.cell.mesh.checked import as_trimesh
 from pickproof.cell.mesh.read import read_checked_here
 from tests.fuzzing.mesh_writers import VOLUME, WRITERS, Solid, random_solid
 from tests.fuzzing.meshes import check_mesh_file, cut, hostile_mesh

@@ -7,12 +7,15 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import manifold3d as m3
 import numpy as np
 import pytest
 import trimesh
 
 from pickproof.cell.errors import InputError
-from pickproof.cell.mesh.check import as_trimesh, check_mesh, check_size
+from pickproof.cell.mesh.check import check_mesh, check_size
+from pickproof.cell.mesh.checked import as_trimesh
+from pickproof.cell.mesh.crossing import look_for_crossing
 from pickproof.cell.mesh.error import MeshError
 from pickproof.cell.mesh.read import read_checked
 from tests.cell.mesh.step_box import step_box
@@ -79,6 +82,53 @@ def crossing() -> trimesh.Trimesh:
     return fine
 
 
+SHEET = trimesh.Trimesh([[-9, -9, -3], [9, -9, -3], [0, 9, 3]], [[0, 1, 2]], process=False)
+
+
+def crumb(i: int) -> trimesh.Trimesh:
+    return trimesh.creation.box((4, 4, 4)).apply_translation((6 * i, 50, 0))
+
+
+def small_hole() -> trimesh.Trimesh:
+    hole = trimesh.creation.box((1, 1, 1))
+    hole.invert()
+    return hole
+
+
+def turned_bump() -> trimesh.Trimesh:
+    bump = trimesh.creation.box((10, 10, 10)).apply_translation((3, 2, 12))
+    bump.invert()
+    return bump
+
+
+def pinched() -> trimesh.Trimesh:
+    """A cube and the arms of an angle about it: a corner of the cube meets one of the angle along an edge."""
+    angle = [((20, 60, 20), (-20, 20, 0)), ((60, 20, 20), (0, 40, 0))]
+    bars = [((20, 20, 20), (0, 0, 0)), ((20, 20, 20), (20, 20, 0)), *angle]
+    whole = m3.Manifold()
+    for size, at in bars:
+        whole += m3.Manifold.cube(size, True).translate(at)
+    made = whole.to_mesh64()
+    return trimesh.Trimesh(made.vert_properties[:, :3], np.array(made.tri_verts), process=False)
+
+
+def fin() -> trimesh.Trimesh:
+    a, b, _ = BOX.faces[0]
+    return trimesh.Trimesh(np.vstack([BOX.vertices, [0, 0, 60]]), np.vstack([BOX.faces, [a, b, 8]]), process=False)
+
+
+def crossed_ring() -> trimesh.Trimesh:
+    """A tube that runs round twice and through itself, as one surface."""
+    turns, round_ = 120, 24
+    t, s = np.meshgrid(np.arange(turns) * 4 * np.pi / turns, np.arange(round_) * 2 * np.pi / round_, indexing="ij")
+    r, z = 20 + 3 * np.cos(t / 2) + 4 * np.cos(s), 4 * np.sin(s)
+    points = np.stack([r * np.cos(t), r * np.sin(t), z], -1).reshape(-1, 3)
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(turns), np.arange(round_), indexing="ij"))
+    at = [((i + di) % turns) * round_ + (j + dj) % round_ for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    faces = np.concatenate([np.stack([at[0], at[1], at[2]], 1), np.stack([at[0], at[2], at[3]], 1)])
+    return trimesh.Trimesh(points, faces, process=False)
+
+
 REPAIRED: dict[str, tuple[Callable[[], trimesh.Trimesh], float, str]] = {
     "good": (lambda: BOX, 24000, ""),
     "inside out": (inverted, 23000, "turned inside out"),
@@ -92,6 +142,14 @@ REPAIRED: dict[str, tuple[Callable[[], trimesh.Trimesh], float, str]] = {
     "seam": (seam, 24000, "welded"),
     "overlapping bodies": (lambda: beside((20, 7, 5)), 41100, "joined 2 bodies"),
     "cavity": (hollow, 23000, "kept 1 closed cavities"),
+    "touching bodies": (lambda: beside((0, 0, 20)), 48000, "joined 2 bodies"),
+    "touching bodies that share a part of a face": (lambda: beside((20, 15, 20)), 48000, "joined 2 bodies"),
+    "cavity of a cubic millimetre": (lambda: trimesh.util.concatenate([BOX, small_hole()]), 23999, "kept 1 closed"),
+    "one body of two inside out": (lambda: trimesh.util.concatenate([BOX, turned_bump()]), 24700, "turned 1 bodies"),
+    "touching itself along an edge": (pinched, 56000, "touches itself along 1 edges, one at (10.0, 10.0, 0.0) mm"),
+    "fin": (fin, 24000, "left out 1 loose faces of 808 mm2"),
+    "sheet inside": (lambda: trimesh.util.concatenate([BOX, SHEET]), 24000, "left out 1 loose faces"),
+    "two rings in one surface": (crossed_ring, 9770, "made the surface anew from its distance field"),
     "crumb": (lambda: trimesh.util.concatenate([BOX, trimesh.creation.box((1, 1, 1)).apply_translation((50, 0, 0))]),
               24000, "left out 1 bodies"),
 }  # fmt: skip
@@ -126,8 +184,13 @@ def test_many_faces_become_few_and_stay_near() -> None:
 
 REFUSED: dict[str, tuple[Callable[[], trimesh.Trimesh], str]] = {
     "two bodies": (lambda: beside((100, 0, 0)), "2 bodies that do not touch"),
+    "touching along an edge only": (lambda: beside((40, 0, 20)), "2 bodies that do not touch, or at an edge only"),
+    "many small bodies apart": (
+        lambda: trimesh.util.concatenate([BOX, *(crumb(i) for i in range(30))]), "30 small bodies that do not touch"
+    ),
     "open shell": (
-        lambda: without(sphere(), sphere().triangles_center[:, 2] + waves(sphere()) > 5), "whose rim is not flat"
+        lambda: without(sphere(), sphere().triangles_center[:, 2] + waves(sphere()) > 5),
+        "a hole of 39.7 mm at (0.4, -0.0, 4.9) mm whose rim is not flat",
     ),
     "passes through itself": (crossing, "passes through itself"),
     "sheet without thickness": (lambda: trimesh.Trimesh([[0, 0, 0], [40, 0, 0], [0, 30, 0]], [[0, 1, 2], [0, 2, 1]],
@@ -141,6 +204,26 @@ def test_refusals(kind: str) -> None:
     with pytest.raises(MeshError) as fault:
         check_mesh(*soup(make()), "mm")
     assert words in fault.value.found and fault.value.valid
+
+
+def test_bodies_apart_are_offered_one_by_one() -> None:
+    """The largest first, each with its size in the file's unit and its place."""
+    loose = beside((100, 0, 0))
+    loose.vertices[8:] *= (1.0, 0.5, 0.5)
+    with pytest.raises(MeshError) as fault:
+        check_mesh(*soup(loose), "mm")
+    listed = "1: 40 x 30 x 20 mm at (0.0, 0.0, 0.0) mm, 24 cm3; 2: 40 x 15 x 10 mm at (100.0, 0.0, 0.0) mm, 6 cm3"
+    assert listed in fault.value.found and "--body N" in fault.value.valid
+    second = check_mesh(*soup(loose), "mm", body=2)
+    assert as_trimesh(second).volume == pytest.approx(6e-6) and "took body 2 of 2" in second.notes[-1]
+    with pytest.raises(MeshError, match="--body 3"):
+        check_mesh(*soup(loose), "mm", body=3)
+
+
+def test_a_surface_made_anew_says_how_far_it_is_off() -> None:
+    made = check_mesh(*soup(crossed_ring()), "mm")
+    assert 0 < made.moved < 2e-4 and 0 < made.volume_change < 0.01
+    assert look_for_crossing(made.vertices, made.faces).doubled == 0
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,9 @@ import pytest
 import trimesh
 
 from pickproof.cell.errors import InputError
-from pickproof.cell.mesh.bodies import check_crossing
-from pickproof.cell.mesh.check import as_trimesh, check_size
+from pickproof.cell.mesh.check import check_size
+from pickproof.cell.mesh.checked import as_trimesh
+from pickproof.cell.mesh.crossing import check_crossing
 from pickproof.cell.mesh.error import MeshError
 from pickproof.cell.mesh.polygons import triangulate
 from pickproof.cell.mesh.read import read_checked, read_checked_here

@@ -89,7 +89,7 @@ def test_a_sharp_edge_keeps_its_margin_too() -> None:
         np.sort(depth.min(axis=0))[:-2], 0.001, atol=1e-9
     )  # all faces but the tip's two triangles
     with pytest.raises(ValueError, match="thinner"):
-        CollisionHull(wedge.vertices * (1, 0.25, 1)).without_margin(0.001)
+        CollisionHull(wedge.vertices * (1, 0.1, 1)).without_margin(0.001)
 
 
 def test_boxes_around_a_large_hull_stay_near_it() -> None:
@@ -155,7 +155,7 @@ def test_a_bad_piece_is_named(folder: Path, field: str, changes: dict[str, objec
     ball = np.random.default_rng(0).standard_normal((400, 3))
     files = {
         "flat": obj(BLOCK_HULL * (1, 1, 0)),
-        "thin": obj(BLOCK_HULL * (1, 1, 0.05)),
+        "thin": obj(BLOCK_HULL * (1, 1, 0.04)),
         "words": "v a b c\n",
         "nan": "o a\nv nan 0 0\n",
         "empty": "# nothing\n",

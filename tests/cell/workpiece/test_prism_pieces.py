@@ -9,7 +9,7 @@ import trimesh
 from pickproof.cell.frames import Array, random_rotations
 from pickproof.cell.geometry.nearest import Nearest
 from pickproof.cell.workpiece.collision_pieces import CollisionHull
-from pickproof.cell.workpiece.decompose import MAX_PRISMS, decompose, piece_mesh
+from pickproof.cell.workpiece.decompose import MAX_PRISMS, THINNEST, decompose, piece_mesh
 from pickproof.cell.workpiece.prism_pieces import BORE, SLACK, prism_pieces
 from tests.cell.workpiece.part_shapes import bent_sheet, extruded, gear, mesh_of, own_parts, pebble, polygon
 
@@ -75,7 +75,8 @@ def test_own_parts_stay_within_half_a_millimetre_of_their_pieces(name: str) -> N
     found = decompose(mesh, False)
     assert found.outside < 6e-4
     for piece in found.pieces:
-        assert isinstance(piece, CollisionHull)
-        inner = piece.without_margin()
         hull = piece_mesh(piece)
+        if not isinstance(piece, CollisionHull) or np.ptp(hull.vertices @ hull.face_normals.T, axis=0).min() < THINNEST:
+            continue  # a box, or a plate that the margins make 2 mm thick
+        inner = piece.without_margin()
         assert Nearest(hull.vertices, hull.faces).signed(inner).max() < -0.4e-3

@@ -20,7 +20,8 @@ def files(tmp_path, monkeypatch):
     shutil.copytree(inputs.ROOT / "robots" / "lrmate200id", robot)
     with (part / "workpiece.yaml").open("a") as yaml:
         yaml.write("collision_hulls: hulls.obj\n")
-    (part / "hulls.obj").write_text("o piece\n")
+    block = "\n".join(f"v {x} {y} {z}" for x in (-20, 20) for y in (-10, 10) for z in (-10, 10))
+    (part / "hulls.obj").write_text(f"o piece\n{block}\n")
     (part / "score.json").write_text("{}")
     monkeypatch.setenv("PICKPROOF_WORKPIECES", str(tmp_path / "parts"))
     monkeypatch.setattr(inputs, "ROOT", tmp_path)

@@ -14,7 +14,7 @@ import trimesh
 from pickproof.cell.child_process import FOLDERS
 from pickproof.cell.errors import InputError
 from pickproof.cell.grippers.registry import load_gripper
-from pickproof.cell.mesh.check import Checked
+from pickproof.cell.mesh.checked import Checked
 from pickproof.cell.symmetry.symmetry import Symmetry
 from pickproof.cell.workpiece.resting_poses import resting_poses
 from pickproof.cell.workpiece.workpiece import load_workpiece
@@ -218,7 +218,7 @@ def trying(monkeypatch: pytest.MonkeyPatch, holds: int) -> tuple[list[int], list
         monkeypatch.setattr(f"time.{name}", lambda: next(seconds))
     counts: dict[str, int] = {}
 
-    def tried(workpiece, gripper, points):
+    def tried(workpiece, gripper, points, iterations=None):
         before = counts.get(gripper.name, 0)
         counts[gripper.name] = before + len(points)
         return [p for i, p in enumerate(points, before) if holds and i % holds == 0]

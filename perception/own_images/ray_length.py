@@ -17,7 +17,7 @@ SHARE = 0.15
 BETTER = 3.0
 """How many times as far the points of that plane must scatter about their best plane without the conversion."""
 LEAST_BEND = 6.0
-"""Of the noise: how far conversion must bend a surface across the image to be told from it."""
+"""Least change of a surface across the image by the conversion, in standard deviations of the noise."""
 
 
 def to_z(depth: Array, K: Intrinsics) -> Array:

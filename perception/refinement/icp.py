@@ -75,7 +75,7 @@ SLENDER_ITERATIONS = 3
 """Factor of the iterations for slender parts, whose thresholds are tighter."""
 VOTE_REACH, VOTE_FLOOR = 0.25, 0.05
 DAMPING = np.array([3e-3, 3e-3, 3e-3, 1e-2, 1e-2, 1e-2], np.float32)
-"""Of turn and shift, for a weight of 20 points."""
+"""Damping of rotation and translation in the normal equations, for a total weight of 20 points."""
 MIN_FACING = 0.4
 """Least cosine between the measured normal and that of the CAD."""
 

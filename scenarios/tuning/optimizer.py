@@ -167,7 +167,7 @@ class Search:
             return dict(get_param_importances(self._study, evaluator=PedAnovaImportanceEvaluator()))
 
     def _after_interruption(self) -> None:
-        """Fail trials that were asked for and never evaluated; complete a generation whose results were stored in part."""
+        """Fail trials that were never evaluated; complete a generation whose results were stored in part."""
         for _ in self._study.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
             self._study.ask()  # takes the one that waits
         begun = {t.generation for t in self.trials}

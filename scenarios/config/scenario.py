@@ -239,10 +239,12 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
 def _converged(scenario: Scenario) -> Scenario:
     """The scenario with the iterations of the solver that its workpiece and gripper need.
 
-    Raises:
-        InputError: the workpiece, or the gripper, is not one.
+    Where one of their files cannot be read the default stays: `check_inputs` refuses that file before a run.
     """
-    needed = solver_iterations(load_workpiece(scenario.workpiece), load_gripper(scenario.gripper))
+    try:
+        needed = solver_iterations(load_workpiece(scenario.workpiece), load_gripper(scenario.gripper))
+    except InputError:
+        return scenario
     if needed == scenario.physics.solver_iterations:
         return scenario
     physics = scenario.physics.model_copy(update={"solver_iterations": needed})

@@ -126,7 +126,7 @@ def broken_while_edited(editor: GraspEditor, table: Path) -> tuple[str, str]:
     """The file's text before another program broke it, and what is being edited in the page since."""
     whole = table.read_text()
     table.write_text("gripper: [")
-    soon(lambda: "correct the syntax there. Mend it" in shown(editor))
+    soon(lambda: "correct the syntax there. Correct it" in shown(editor))
     editor.act("on / off")
     return whole, editor.document.text
 

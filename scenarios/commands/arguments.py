@@ -10,16 +10,15 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter, Token
 
 from pickproof.cell.child_process import FOLDERS
 from pickproof.cell.errors import InputError
+from pickproof.scenarios.config.oracles import Oracle
+from pickproof.scenarios.config.seeds import MAX_SEED
 
-MAX_SEED = 2**31 - 1
-Oracle = Literal["perception", "grasp", "motion"]
-"""`config.oracles.ORACLES` as a type; a test holds them equal."""
 Flat = Parameter(name="*")
 """The fields of a dataclass are options of the command."""
 
@@ -129,6 +128,7 @@ FILE_TO_WRITE = read_by(parse_file_to_write)
 FOLDER_TO_WRITE = read_by(parse_folder_to_write)
 FRACTION = read_by(parse_fraction)
 
+WorkpieceName = Annotated[str, about("a name that `pickproof list` shows")]
 ScenarioName = Annotated[str, about("a name that `pickproof list` shows, or a YAML file")]
 ResultsFolder = Annotated[Path, SOME_PATH, about("folder of results of `pickproof run`")]
 AttemptIndex = Annotated[str, about("number of the attempt in the report's list")]

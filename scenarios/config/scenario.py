@@ -27,6 +27,7 @@ from pickproof.cell.workpiece.workpiece import list_workpieces, load_workpiece, 
 from pickproof.grasping.ranking import GraspingConfig
 from pickproof.perception.method import Method
 from pickproof.scenarios.config.placing import HeapPlace, PatternPlace, PlaceConfig
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 SHIPPED = Path(__file__).resolve().parents[1]
 OF_WORKPIECE = "scenario.yaml"
@@ -169,7 +170,7 @@ class Scenario(Config):
     workpiece: str = Field(description="a name that `pickproof list` shows")
     count: int = Field(default=30, ge=1, le=500, description="workpieces dropped into the source bin")
     seed: int = Field(
-        default=0, ge=0, le=2**31 - 1, description="of the first episode; the next take seed + 1, seed + 2, ..."
+        default=0, ge=0, le=MAX_SEED, description="of the first episode; the next take seed + 1, seed + 2, ..."
     )
     robot: str = Field(default="lrmate200id", description="a folder of robots/")
     gripper: str = Field(default="jaw_v1", description="name of a shipped gripper, or the path of its YAML file")

@@ -10,14 +10,13 @@ from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import load_grasps, read_table
 from pickproof.scenarios.config.scenario import Scenario, load_scenario, scenario_path
+from pickproof.scenarios.config.seeds import MAX_SEED
 from pickproof.scenarios.files.atomic import free_folder
 from pickproof.scenarios.grasp_trials.robustness import named, read_errors
 from pickproof.scenarios.tuning.grasp_space import Reach
 from pickproof.scenarios.tuning.plan import HOLDOUT, Plan
 from pickproof.scenarios.tuning.proposal import check_editable
 from pickproof.scenarios.tuning.scenario_fields import parse_field
-
-MAX_SEED = 2**31 - 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ import numpy as np
 from cyclopts.argument import Argument, ArgumentCollection
 
 from pickproof.scenarios.commands import cli
-from pickproof.scenarios.commands.registry import BENCHMARKS, COMMANDS, GRASPS, build_app
+from pickproof.scenarios.commands.registry import build_app, typed_commands
 from pickproof.scenarios.config.scenario import load_scenario
 from tests.scenarios.planted_episode import write_campaign
 
@@ -99,10 +99,8 @@ def furnish(folder: Path) -> None:
 def _commands() -> dict[str, ArgumentCollection]:
     """Name with that of the command above it -> its arguments."""
     app = build_app()
-    names = [c.name for c in COMMANDS]
-    names += [f"grasps {c.name}" for c in GRASPS] + [f"benchmark {c.name}" for c in BENCHMARKS]
     found = {}
-    for name in names:
+    for name in typed_commands():
         command = app
         for word in name.split():
             command = command[word]

@@ -18,11 +18,14 @@ from pickproof.cell.workpiece.workpiece import UNITS as SMALL_UNITS
 from pickproof.perception.benchmark.methods import ABLATION_WORKPIECES, METHODS
 from pickproof.perception.ps6d.variants import VARIANTS
 from pickproof.perception.training.trainer import TrainConfig
-from pickproof.scenarios.commands import benchmark_perception, cli, gate, onboard, train
-from pickproof.scenarios.commands.arguments import Oracle, search_folders
-from pickproof.scenarios.commands.registry import BENCHMARKS, COMMANDS, GRASPS, build_app
+from pickproof.scenarios.commands import cli
+from pickproof.scenarios.commands.arguments import search_folders
+from pickproof.scenarios.commands.benchmark import perception as benchmark_perception
+from pickproof.scenarios.commands.decide import gate
+from pickproof.scenarios.commands.perception import train
+from pickproof.scenarios.commands.registry import build_app, typed_commands
+from pickproof.scenarios.commands.workpiece import onboard
 from pickproof.scenarios.comparison.paired import MEASURES
-from pickproof.scenarios.config.oracles import ORACLES
 from pickproof.scenarios.onboarding.part import MATERIALS
 from pickproof.scenarios.reporting.explain import ESTIMATES_SHOWN
 from pickproof.scenarios.statistics.sequential_test import Rule
@@ -140,19 +143,8 @@ def test_each_benchmark_has_arguments_of_its_own(subject: str, capsys: pytest.Ca
     assert [name for name, option in own.items() if option in out] == [subject]
 
 
-def names_of_all() -> list[str]:
-    """Every command as it is typed."""
-    return [
-        *(c.name for c in COMMANDS),
-        *(f"grasps {c.name}" for c in GRASPS),
-        *(f"benchmark {c.name}" for c in BENCHMARKS),
-        "grasps",
-        "benchmark",
-    ]
-
-
 def test_every_command_has_a_help(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in names_of_all():
+    for name in [*typed_commands(), "grasps", "benchmark"]:
         assert cli.main([*name.split(), "--help"]) == 0
         out, err = capsys.readouterr()
         assert f"Usage: pickproof {name}" in out and err == ""
@@ -222,7 +214,7 @@ def test_the_last_of_a_repeated_option_counts() -> None:
 
 def test_choices_and_defaults_are_those_of_the_rooms() -> None:
     """The command line states them again, as importing the rooms takes seconds."""
-    assert get_args(Oracle) == ORACLES and get_args(gate.Measure) == MEASURES
+    assert get_args(gate.Measure) == MEASURES
     assert get_args(onboard.Unit) == tuple(UNITS) and get_args(onboard.Material) == tuple(MATERIALS)
     assert get_args(benchmark_perception.Method) == benchmark_perception.METHODS == METHODS
     assert set(SMALL_UNITS) == {"m", "cm", "mm"} and ESTIMATES_SHOWN

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from pickproof.scenarios.commands import cli, listing
+from pickproof.scenarios.commands import cli
+from pickproof.scenarios.commands.more import list_
 from pickproof.scenarios.comparison.baseline import baseline_of, write_baseline
 from pickproof.scenarios.config.scenario import load_scenario
 from tests.scenarios.planted_episode import write_campaign
@@ -95,7 +96,7 @@ def test_an_unforeseen_exception_is_one_line_and_never_exit_code_1(tmp_path: Pat
     def surprise() -> int:
         raise ValueError("no such\nthing")
 
-    monkeypatch.setattr(listing, "listing", surprise)
+    monkeypatch.setattr(list_, "list_", surprise)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert cli.main(["list"]) == cli.INTERNAL == 70
     err = capsys.readouterr().err
@@ -113,7 +114,7 @@ def test_other_ends(raised: BaseException, code: int, monkeypatch: pytest.Monkey
     def ending() -> int:
         raise raised
 
-    monkeypatch.setattr(listing, "listing", ending)
+    monkeypatch.setattr(list_, "list_", ending)
     assert cli.main(["list"]) == code
     assert type(sys.stdout).__name__ != "_Lasting"  # as it was before
 

@@ -20,7 +20,7 @@ from pickproof.cell.workpiece.resting_poses import resting_poses
 from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import load_grasps
 from pickproof.scenarios.commands.cli import main
-from pickproof.scenarios.commands.onboard import OnboardOptions, decided
+from pickproof.scenarios.commands.workpiece.onboard import OnboardOptions, decided
 from pickproof.scenarios.config.scenario import Scenario, load_scenario
 from pickproof.scenarios.onboarding import part as onboard_part
 from pickproof.scenarios.onboarding.cell_proposal import propose_cell, propose_heap, rank_grippers

@@ -52,9 +52,9 @@ def as_another_user(words: list[str], cwd: Path) -> subprocess.CompletedProcess[
     code = (
         "import os, sys, pyarrow.parquet, plotly.graph_objects\n"
         "import pickproof.scenarios.commands.cli as cli\n"
-        "import pickproof.scenarios.commands.explain, pickproof.scenarios.commands.report\n"
-        "import pickproof.scenarios.commands.compare, pickproof.scenarios.commands.index\n"
-        "import pickproof.scenarios.commands.export, pickproof.scenarios.commands.baseline\n"
+        "import pickproof.scenarios.commands.pick.explain, pickproof.scenarios.commands.pick.report\n"
+        "import pickproof.scenarios.commands.decide.compare, pickproof.scenarios.commands.pick.index\n"
+        "import pickproof.scenarios.commands.pick.export, pickproof.scenarios.commands.decide.baseline\n"
         "import pickproof.scenarios.reporting.explain, pickproof.scenarios.reporting.report\n"
         "import pickproof.scenarios.comparison.compare, pickproof.scenarios.reporting.index\n"
         "import pickproof.scenarios.reporting.parquet, pickproof.scenarios.comparison.baseline\n"

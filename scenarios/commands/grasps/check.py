@@ -5,8 +5,8 @@ from __future__ import annotations
 import json as json_module
 from typing import Annotated
 
-from pickproof.scenarios.commands.arguments import about
-from pickproof.scenarios.commands.grasps_arguments import GripperName, WorkpieceName
+from pickproof.scenarios.commands.arguments import WorkpieceName, about
+from pickproof.scenarios.commands.grasps.arguments import GripperName
 
 
 def check(

@@ -10,7 +10,6 @@ from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, about, parse_n
 if TYPE_CHECKING:
     from pickproof.cell.frames import Array
 
-WorkpieceName = Annotated[str, about("a name that `pickproof list` shows")]
 GripperName = Annotated[str | None, about("default: that of the workpiece's grasps.yaml, jaw_v1 where there is none")]
 TextFile = Annotated[Path | None, FILE_TO_WRITE, about("output file; default: standard output")]
 Six = tuple[float, float, float, float, float, float]

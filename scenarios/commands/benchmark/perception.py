@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pickproof.scenarios.commands.arguments import Flat, Workers, about, integer
 from pickproof.scenarios.commands.invocation import command_line
 
 Method = Literal["ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_fitted", "ps6d_refined", "search", "both"]
 """`perception.benchmark.methods.METHODS` as a type; a test holds them equal."""
-METHODS: tuple[Method, ...] = ("ppf", "ppr_net", "ppr_net_pp", "ps6d", "ps6d_fitted", "ps6d_refined", "search", "both")
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class BenchmarkOptions:
     json: Annotated[bool, about("print benchmark.json alone; the rest goes to stderr")] = False
 
 
-def benchmark_perception(
+def perception(
     workpieces: Annotated[tuple[str, ...], about("default: all")] = (),
     /,
     *,

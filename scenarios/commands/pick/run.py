@@ -12,7 +12,6 @@ from pickproof.cell.errors import InputError
 from pickproof.perception.method import Method
 from pickproof.scenarios.commands.arguments import (
     FOLDER_TO_WRITE,
-    MAX_SEED,
     Flat,
     ScenarioFields,
     ScenarioName,
@@ -21,6 +20,7 @@ from pickproof.scenarios.commands.arguments import (
     integer,
 )
 from pickproof.scenarios.commands.invocation import command_line
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 if TYPE_CHECKING:
     from pickproof.scenarios.results.records import AttemptRecord
@@ -60,7 +60,7 @@ def run(
     from pickproof.scenarios.campaign.campaign import run_campaign
     from pickproof.scenarios.campaign.episode import run_episode
     from pickproof.scenarios.campaign.request import CampaignRequest
-    from pickproof.scenarios.commands.campaign_progress import CampaignProgress
+    from pickproof.scenarios.commands.pick.progress import CampaignProgress
     from pickproof.scenarios.config.scenario import load_scenario, weights_used
     from pickproof.scenarios.files.atomic import free_folder
     from pickproof.scenarios.picking.workcell import check_inputs

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pickproof.cell.errors import InputError
 from pickproof.scenarios.commands.arguments import (
     FOLDER_TO_WRITE,
-    MAX_SEED,
     SOME_PATH,
     Flat,
     ScenarioChanges,
@@ -22,6 +21,7 @@ from pickproof.scenarios.commands.arguments import (
     read_by,
 )
 from pickproof.scenarios.commands.invocation import command_line
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 if TYPE_CHECKING:
     from pickproof.scenarios.tuning.plan import Plan

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pickproof.scenarios.commands.grasps_arguments import (
+from pickproof.scenarios.commands.arguments import WorkpieceName
+from pickproof.scenarios.commands.grasps.arguments import (
     NO_OFFSET,
     GripperName,
     TextFile,
     Tool,
-    WorkpieceName,
     tool_transform,
     write_text,
 )

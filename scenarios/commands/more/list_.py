@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def listing() -> int:
+def list_() -> int:
     """Print the names that other commands take."""
     from pickproof.cell.workpiece.workpiece import list_workpieces
     from pickproof.scenarios.config.scenario import list_scenarios, load_scenario

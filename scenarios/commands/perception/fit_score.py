@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.arguments import Workers, about, integer
+from pickproof.scenarios.commands.arguments import Workers, WorkpieceName, about, integer
 from pickproof.scenarios.commands.invocation import command_line
-from pickproof.scenarios.commands.perception_arguments import WorkpieceName
 
 if TYPE_CHECKING:
     from rich.console import Console

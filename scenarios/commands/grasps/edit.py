@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, about, integer
-from pickproof.scenarios.commands.grasps_arguments import WorkpieceName
+from pickproof.scenarios.commands.arguments import FILE_TO_WRITE, WorkpieceName, about, integer
 
 HOST = "127.0.0.1"
 

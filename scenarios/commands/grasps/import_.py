@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pickproof.scenarios.commands.arguments import SOME_PATH, about
-from pickproof.scenarios.commands.grasps_arguments import (
+from pickproof.scenarios.commands.arguments import SOME_PATH, WorkpieceName, about
+from pickproof.scenarios.commands.grasps.arguments import (
     NO_OFFSET,
     GripperName,
     TextFile,
     Tool,
-    WorkpieceName,
     tool_transform,
     write_text,
 )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pickproof.scenarios.commands.arguments import MAX_SEED, JsonFile, about, integer
+from pickproof.scenarios.commands.arguments import JsonFile, about, integer
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 
-def benchmark_gate(
+def gate(
     *,
     campaigns: Annotated[int, integer(10, 1_000_000), about("simulated gates")] = 10_000,
     seed: Annotated[int, integer(0, MAX_SEED), about("seed of the simulation")] = 0,

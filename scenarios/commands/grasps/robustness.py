@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pickproof.scenarios.commands.arguments import FOLDER_TO_WRITE, SOME_PATH, Flat, Workers, about
-from pickproof.scenarios.commands.grasps_arguments import WorkpieceName
+from pickproof.scenarios.commands.arguments import FOLDER_TO_WRITE, SOME_PATH, Flat, Workers, WorkpieceName, about
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.arguments import MAX_SEED, about, integer, number
-from pickproof.scenarios.commands.grasps_arguments import GripperName, TextFile, WorkpieceName, write_text
+from pickproof.scenarios.commands.arguments import WorkpieceName, about, integer, number
+from pickproof.scenarios.commands.grasps.arguments import GripperName, TextFile, write_text
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 
 def sample(

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from pickproof.cell.sensing.sensor_model import SensorConfig
     from pickproof.perception.training.scene_source import SceneSource
 
-WorkpieceName = Annotated[str, about("a name that `pickproof list` shows")]
 MethodName = Annotated[
     Method,
     about("ps6d: trained network; search: no training; both; auto: ps6d where weights exist, else search"),

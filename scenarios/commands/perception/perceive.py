@@ -12,9 +12,10 @@ from cyclopts import Group
 from cyclopts.validators import MutuallyExclusive
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.arguments import MAX_SEED, Flat, about, integer
+from pickproof.scenarios.commands.arguments import Flat, WorkpieceName, about, integer
 from pickproof.scenarios.commands.invocation import command_line
-from pickproof.scenarios.commands.perception_arguments import MethodName, WorkpieceName
+from pickproof.scenarios.commands.perception.arguments import MethodName
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 if TYPE_CHECKING:
     from pickproof.perception.own_images.user_frame import Options

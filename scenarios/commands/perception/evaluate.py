@@ -8,14 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.arguments import MAX_SEED, Flat, Workers, about, integer
+from pickproof.scenarios.commands.arguments import Flat, Workers, WorkpieceName, about, integer
 from pickproof.scenarios.commands.invocation import command_line
-from pickproof.scenarios.commands.perception_arguments import (
-    MethodName,
-    NoiseOptions,
-    SourceOptions,
-    WorkpieceName,
-)
+from pickproof.scenarios.commands.perception.arguments import MethodName, NoiseOptions, SourceOptions
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pickproof.cell.errors import InputError
-from pickproof.scenarios.commands.arguments import Flat, Workers, about, integer, read_by
+from pickproof.scenarios.commands.arguments import Flat, Workers, WorkpieceName, about, integer, read_by
 from pickproof.scenarios.commands.invocation import command_line
-from pickproof.scenarios.commands.perception_arguments import NoiseOptions, WorkpieceName
+from pickproof.scenarios.commands.perception.arguments import NoiseOptions
 
 if TYPE_CHECKING:
     from pickproof.perception.data.bop_write import Export

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pickproof.scenarios.config.scenario import Scenario
 
 
-def benchmark_campaign(
+def campaign(
     scenario: Annotated[str, about("a name that `pickproof list` shows, or a YAML file")] = "bracket",
     /,
     *,

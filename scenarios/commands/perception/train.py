@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
-from pickproof.scenarios.commands.arguments import MAX_SEED, Flat, about, integer, number
-from pickproof.scenarios.commands.perception_arguments import SourceOptions, WorkpieceName
+from pickproof.scenarios.commands.arguments import Flat, WorkpieceName, about, integer, number
+from pickproof.scenarios.commands.perception.arguments import SourceOptions
+from pickproof.scenarios.config.seeds import MAX_SEED
 
 
 @dataclass(frozen=True, kw_only=True)

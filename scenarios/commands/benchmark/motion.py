@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pickproof.scenarios.config.scenario import Scenario
 
 
-def benchmark_motion(
+def motion(
     scenario: Annotated[str, about("a name that `pickproof list` shows, or a YAML file")] = "bracket",
     /,
     *,

@@ -1,0 +1,1 @@
+"""`pickproof benchmark ...`: commands that measure pickproof itself."""

@@ -1,0 +1,1 @@
+"""`pickproof grasps ...`: commands on grasp points."""

@@ -1,0 +1,1 @@
+"""Commands that run picks and look at their results."""

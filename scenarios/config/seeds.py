@@ -1,0 +1,4 @@
+"""The range of seeds."""
+
+MAX_SEED = 2**31 - 1
+"""Largest seed of an episode."""

@@ -43,8 +43,8 @@ READABLE = "a readable STL, OBJ, PLY or GLB file"
 UNIT_GIRTHS = 1.4
 Process = Literal["machined", "bent", "printed", "cast"]
 FORM_TOLERANCES: dict[Process, float] = {"machined": 0.0, "bent": 2e-4, "printed": 2e-4, "cast": 3e-4}
-"""[m] that a real part deviates from its CAD, as a standard deviation over its surface; a machined one by less than any
-camera here can tell."""
+"""[m] standard deviation of a real surface from its CAD: assumptions, for bent and printed ones from two scans
+(docs/measurements/search.md). No camera here can tell the deviation of a machined part."""
 
 
 class SymmetryConfig(Config):

@@ -1,4 +1,4 @@
-"""The two decisions about poses: in which order they are settled, and which of those left standing are believed.
+"""The two decisions about poses: the order in which rivals are settled, and which of the rest are accepted.
 
 Votes that the search makes are made from its poses, and confirm whatever made them. So the order does not look at
 votes; the acceptance does, at those that the standing poses leave to each other.
@@ -49,7 +49,7 @@ class DecisionModel:
 
 @dataclass(frozen=True)
 class Decisions:
-    """The model of the order and that of the acceptance; a pose is believed from the score `threshold` on."""
+    """The model of the order and that of the acceptance; a pose is accepted from the score `threshold` on."""
 
     order: DecisionModel
     acceptance: DecisionModel

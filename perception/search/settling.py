@@ -59,7 +59,7 @@ class Settling:
     decisions: Decisions
 
     def result(self, poses: Poses, scene: Scene) -> RefineResult:
-        """What is believed of finely registered poses."""
+        """The accepted ones of finely registered poses."""
         poses = self._worth_a_last_step(poses, scene)
         if not len(poses):
             return RefineResult([], [], {})
@@ -71,7 +71,7 @@ class Settling:
         standing = np.asarray(suppress(np.arange(len(poses)), shared, overlap, rules), dtype=np.int64)
         if scene.votes is None:
             looked = self._with_own_votes(looked, scene)
-        return self._believed(looked, standing)
+        return self._accepted(looked, standing)
 
     def _worth_a_last_step(self, poses: Poses, scene: Scene) -> Poses:
         """After a rough look: plausible poses, those that some point keeps."""
@@ -106,7 +106,7 @@ class Settling:
         evidence = replace(looked.evidence, votes=counts, centres_agree=centres, rotations_agree=rotations)
         return Looked(poses, evidence, with_votes(looked.features, evidence))
 
-    def _believed(self, looked: Looked, standing: np.ndarray) -> RefineResult:
+    def _accepted(self, looked: Looked, standing: np.ndarray) -> RefineResult:
         rules, evidence = self.config.verify, looked.evidence
         scores = self.decisions.acceptance.score(looked.features)
         R = nearest_rotations(looked.poses.rotations.double().numpy())

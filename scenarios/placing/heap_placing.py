@@ -15,7 +15,7 @@ from pickproof.grasping.clearance import OpenGripper
 from pickproof.scenarios.placing.slot_grid import Slots, slots_in
 from pickproof.scenarios.placing.slot_usage import SlotUsage
 
-DROP = 0.010  # [m] between the workpiece's lowest point and what is believed to lie below
+DROP = 0.010  # [m] between the workpiece's lowest point and what is assumed to lie below
 MAX_LEAN = np.deg2rad(45.0)  # of the tool from the vertical over a place
 MAX_FALL = np.deg2rad(60.0)  # through which a workpiece may fall when it is let go at a slant
 SAME_FACE = np.deg2rad(8.0)  # between resting faces that count as one: half a step of an infinite symmetry and a little

@@ -98,9 +98,9 @@ def down_a_slope(part: Workpiece, angle: float, friction: float, seconds: float 
     return float(2 * travel[0] / seconds**2)
 
 
-def roller(radius: float = 0.03) -> Workpiece:
+def roller(radius: float = 0.03, length: float = 0.08, mass: float = 0.5, friction: float = 0.5) -> Workpiece:
     """A cylinder whose axis lies along y: it rolls along x."""
-    part = rod(radius, 0.08, 0.5)
+    part = rod(radius, length, mass, friction)
     turn = from_rpy(rpy=(0.0, 0.0, np.pi / 2))
     (piece,) = part.collision_cylinders
     return replace(

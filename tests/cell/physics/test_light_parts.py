@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pickproof.cell.frames import apply, from_rpy, invert, make_transform
+from pickproof.cell.frames import invert, make_transform
 from pickproof.cell.grippers.registry import load_gripper
 from pickproof.cell.physics.convergence import FEWEST, MOST, solver_iterations
 from pickproof.cell.physics.floating_gripper import floating_arm, floating_joints
@@ -15,8 +15,8 @@ from pickproof.cell.physics.trajectory_execution import close_jaws, execute, hel
 from pickproof.cell.physics.world import GRAVITY, World
 from pickproof.cell.workpiece.workpiece import Workpiece
 from pickproof.scenarios.config.scenario import load_scenario
-from tests.cell.physics.laws import jaw
-from tests.cell.workpiece.solids import block, rod
+from tests.cell.physics.laws import jaw, roller
+from tests.cell.workpiece.solids import block
 
 ACCELERATION = 12.0  # [m/s2]
 SECONDS = 0.1  # [s] of it: 60 mm upwards
@@ -35,15 +35,7 @@ def plate(mass: float) -> Workpiece:
 def rod_across(mass: float) -> Workpiece:
     """A rod along the tool's y axis, six times as long as thick."""
     radius = SIZES[mass] / 2
-    lying = rod(radius, 12 * radius, mass, FRICTION)
-    turn = from_rpy(rpy=(0.0, 0.0, np.pi / 2))
-    (piece,) = lying.collision_cylinders
-    return replace(
-        lying,
-        vertices=apply(turn, lying.vertices),
-        inertia=turn[:3, :3] @ lying.inertia @ turn[:3, :3].T,
-        collision_cylinders=(piece.model_copy(update={"rpy": (np.pi / 2, 0.0, 0.0)}),),
-    )
+    return roller(radius, 12 * radius, mass, FRICTION)
 
 
 PARTS = {"block": plate, "rod": rod_across}

@@ -6,7 +6,8 @@ sweep leaves the share (M / (m + M))^2 of the error; to leave the share e takes 
 A light finger between a heavy part and the gear that keeps the fingers symmetric is the same system with m and M
 exchanged. What pushes a light part, the motors, starts anew with every grip: LIGHT is the threshold of the solver's
 residual, some 8 M / m sweeps. The weight of a heavy part changes little from step to step, and each step begins with
-the forces of the last: a tenth, some m / M sweeps, is enough, as a scan from 0.3 to 10 kg showed. docs/explanation/physics.md has more.
+the forces of the last: a tenth, some m / M sweeps, is enough, as a scan from 0.3 to 10 kg showed
+(docs/explanation/physics.md).
 """
 
 from __future__ import annotations

@@ -20,6 +20,8 @@ from pickproof.cell.mesh.error import MeshError
 from pickproof.cell.mesh.read import read_checked
 from tests.cell.mesh.step_box import step_box
 
+pytestmark = pytest.mark.slow
+
 BOX = trimesh.creation.box((40, 30, 20))
 
 

@@ -19,6 +19,8 @@ from pickproof.cell.workpiece.decompose import decompose
 from pickproof.cell.workpiece.piece_errors import error_bound, piece_errors
 from tests.cell.workpiece.solids import solid
 
+pytestmark = pytest.mark.slow
+
 Bar = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 

@@ -13,6 +13,8 @@ from pickproof.cell.workpiece.decompose import MAX_PRISMS, THINNEST, decompose, 
 from pickproof.cell.workpiece.prism_pieces import BORE, SLACK, prism_pieces
 from tests.cell.workpiece.part_shapes import bent_sheet, extruded, gear, mesh_of, own_parts, pebble, polygon
 
+pytestmark = pytest.mark.slow
+
 
 def largest_gap(mesh: trimesh.Trimesh, pieces: list[Array]) -> float:
     """How far [m] the solid's surface sticks out of the pieces."""

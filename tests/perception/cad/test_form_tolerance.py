@@ -14,6 +14,8 @@ from pickproof.cell.errors import InputError
 from pickproof.cell.workpiece.workpiece import FORM_TOLERANCES, load_workpiece
 from pickproof.perception.cad.shape_model import ShapeModel
 
+pytestmark = pytest.mark.slow
+
 
 def written(folder: Path, **fields: object) -> None:
     """A copy of the bracket with other fields, as `part`."""

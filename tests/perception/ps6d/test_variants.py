@@ -24,6 +24,8 @@ from tests.perception.ps6d.test_loss import rotations, target
 from tests.perception.ps6d.test_network import graphs, network, predict, turned
 from tests.perception.small_heaps import bracket
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_every_variant_predicts_a_pose_for_every_voting_point(variant: str) -> None:

@@ -24,6 +24,8 @@ from pickproof.perception.search.search import Search
 from pickproof.perception.search.slide import slid
 from tests.perception.artificial import BIN, Scene, heap, look
 
+pytestmark = pytest.mark.slow
+
 
 @lru_cache(maxsize=1)
 def searching() -> Search:

@@ -9,6 +9,8 @@ from pickproof.robots.kinematics.inverse import FRONT, branch, flange_poses, inv
 from pickproof.robots.kinematics.model import RobotModel, forward, list_robots, load_robot
 from tests.robots.arm_cell import DOWN, PLACE, SOURCE, T_FLANGE_TOOL, tilted
 
+pytestmark = pytest.mark.slow
+
 
 def random_q(robot: RobotModel, n: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (n, 6))

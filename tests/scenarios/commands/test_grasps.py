@@ -12,6 +12,8 @@ from pickproof.cell.workpiece.workpiece import load_workpiece
 from pickproof.grasping.grasp_points import GraspTable, load_grasps
 from pickproof.scenarios.commands.cli import main
 
+pytestmark = pytest.mark.slow
+
 HAND = ["--tool", "0", "0", "0.1034", "0", "0", "90"]
 
 

@@ -15,6 +15,8 @@ from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 from pickproof.grasping.grasp_points import read_table
 from pickproof.scenarios.grasp_editor.document import Conflict, GraspDocument, Saved, begun_point
 
+pytestmark = pytest.mark.slow
+
 COMMENTED = """\
 # The head of the file.
 gripper: jaw_v1   # the small one

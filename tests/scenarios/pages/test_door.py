@@ -24,6 +24,8 @@ from pickproof.scenarios.pages.door import Limits
 from pickproof.scenarios.pages.viser_page import serve
 from tests.scenarios.sockets import listening
 
+pytestmark = pytest.mark.slow
+
 TOKEN = "a token; of=a user\"'%"
 PATIENCE = 60.0  # [s] that a busy machine may take
 

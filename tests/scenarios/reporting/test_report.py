@@ -21,6 +21,8 @@ from pickproof.scenarios.results.summary import summarise
 from tests.scenarios.browser import CHROMIUM, Browser
 from tests.scenarios.fake_episode import fake_attempt, run_episode
 
+pytestmark = pytest.mark.slow
+
 
 def meta(**changes):
     s = load_scenario("bracket")

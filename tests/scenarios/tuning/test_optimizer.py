@@ -13,6 +13,8 @@ from pickproof.scenarios.comparison.paired import Outcome
 from pickproof.scenarios.tuning.optimizer import Parameter, Search, Told, Trial, Values, open_journal, run_searches
 from pickproof.scenarios.tuning.racing import counts_of_all, pooled, race
 
+pytestmark = pytest.mark.slow
+
 OPTIMUM = {"x": 4.0, "y": -3.0, "z": 2.0, "n": 3}
 PARAMETERS = [Parameter(name, -8, 8, 0.0, star=True) for name in "xyz"] + [Parameter("n", 0, 5, 0, integer=True)]
 

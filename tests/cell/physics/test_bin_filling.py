@@ -13,6 +13,8 @@ from pickproof.cell.physics.bin_filling import Heap, fill_bin
 from pickproof.cell.physics.world import World
 from pickproof.cell.workpiece.workpiece import Workpiece, load_workpiece
 
+pytestmark = pytest.mark.slow
+
 BIN = Bin("source", (0.30, 0.22, 0.12), 0.006, (0.45, 0.0, 0.006))
 COUNT = 30
 

@@ -12,6 +12,8 @@ from tests.cell.physics.laws import down_a_slope, drops, fall, jaw, pad_forces, 
 from tests.cell.physics.shaft_cell import carry_shaft
 from tests.cell.workpiece.solids import block
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("friction", "force"), [(0.3, 40.0), (0.8, 20.0)])
 def test_a_grip_holds_just_below_coulombs_limit_and_slips_just_above(friction: float, force: float) -> None:

@@ -15,6 +15,8 @@ from pickproof.perception.ps6d.point_hierarchy import Graph
 from pickproof.perception.training.dataset import train_sample
 from tests.perception.small_heaps import bracket, small_heaps
 
+pytestmark = pytest.mark.slow
+
 
 @lru_cache(maxsize=1)
 def graphs() -> list[Graph]:

@@ -11,6 +11,8 @@ from pickproof.perception.ps6d.votes import Votes
 from pickproof.perception.ps6d.voting import ClusterConfig, cluster, find_modes, mean_shift, merge, nearest_rotations
 from tests.perception import artificial
 
+pytestmark = pytest.mark.slow
+
 
 def scattered(R, t, count, rng, angle=0.15, position=0.03):
     """Votes about one pose."""

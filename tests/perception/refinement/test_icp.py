@@ -25,6 +25,8 @@ from pickproof.perception.refinement.normal_equations import (
 from pickproof.perception.refinement.numba_kernels import KernelPoses
 from tests.perception import artificial
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scene():

@@ -15,6 +15,8 @@ from pickproof.robots.kinematics.model import RobotModel
 from pickproof.robots.plan.pick_plan import PickPlan, PickRequest, plan_pick
 from tests.robots.arm_cell import CELL, T_FLANGE_TOOL, TOOL, changed, request_at, tilted
 
+pytestmark = pytest.mark.slow
+
 FENCES = [Box("fence", (0.5, 0.006, z), make_transform(t=(0.4, -0.2, z / 2))) for z in np.arange(0.12, 0.2, 0.005)]
 WIDER = 0.030  # [m] that each finger stands further out at the start
 

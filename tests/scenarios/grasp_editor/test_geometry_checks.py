@@ -27,6 +27,8 @@ from pickproof.scenarios.grasp_editor.snapping import (
     squared,
 )
 
+pytestmark = pytest.mark.slow
+
 BRACKET, JAW = load_workpiece("bracket"), load_gripper("jaw_v1")
 assert isinstance(JAW, ParallelJaw)
 ONLY = Snapping(False, False, False, False)

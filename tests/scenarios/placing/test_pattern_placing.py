@@ -25,6 +25,8 @@ from pickproof.scenarios.placing.heap_placing import MAX_LEAN
 from pickproof.scenarios.placing.pattern_placing import HOVER, PatternPlan
 from pickproof.scenarios.results.records import Reason
 
+pytestmark = pytest.mark.slow
+
 GRID = Path(__file__).with_name("grid.yaml")
 JAW = load_gripper("jaw_v1")
 

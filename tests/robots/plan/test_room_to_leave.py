@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pickproof.cell.frames import make_transform
 from pickproof.cell.geometry.bin import Box
